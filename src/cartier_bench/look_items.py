@@ -12,11 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-
-from cartier.errors import InputError
 
 if TYPE_CHECKING:
     from cartier_dollhouse.model import Scene
@@ -32,7 +30,6 @@ PLACE_Y, ROOM = 6.4, (0.0, 0.0, 20.0, 9.0)
 TALL = ("Fridge", "FloorLamp")
 ARC_DEG = (-40, -20, 0, 20, 40)
 """From where each place is seen, around the direction that it faces."""
-EYE_M, LOW_EYE_M = 1.5, 0.3
 CARPETS = ("planks:oak", "tiles:white", "carpet:grey")
 WALLS = ("paint:cream", "paint:lightblue", "paint:white")
 
@@ -68,7 +65,6 @@ class LookItem:
         away_m: How far the camera is from the place, over the floor.
         eye_m: How high it is.
         behind: Whether what stands there turns its back to the camera.
-        target: Which of ``things`` is the one, for "which".
     """
 
     id: str
@@ -83,9 +79,8 @@ class LookItem:
     things: tuple[Placed, ...] = field(repr=False)
     support: str = ""
     away_m: float = 1.5
-    eye_m: float = EYE_M
+    eye_m: float = 1.5
     behind: bool = False
-    target: int | None = None
 
     @property
     def face(self) -> str:
@@ -94,46 +89,16 @@ class LookItem:
 
 
 @cache
-def _table() -> dict[str, Any]:
-    """``look_rooms.toml``: the closed sets of answers, and the questions of each room."""
-    return tomllib.loads(Path(__file__).with_name("look_rooms.toml").read_text("utf-8"))
-
-
-def items() -> list[LookItem]:
-    """All questions, room by room; four rooms of each kind of floor and wall."""
-    made = []
-    for name, rows in _table()["rooms"].items():
-        if len(rows) > len(PLACES_X):
-            raise InputError(f"room {name} has {len(rows)} questions, and {len(PLACES_X)} places")
-        for k, row in enumerate(rows):
-            things = [Placed(**each | {"size": tuple(each.get("size", ()))}) for each in row["things"]]
-            made.append(item(name, k, **row | {"things": things}))
-    return made
-
-
-def item(
-    room: str, number: int, kind: Kind, label: str, attribute: str, truth: str, things: Sequence[Placed],
-    support: str = "", away_m: float = 1.5, view: Literal["", "behind", "low"] = "", target: int | None = None,
-    words: str = "",
-) -> LookItem:  # fmt: skip
-    """A question from its row in the file: about a label and an attribute, or in given words."""
-    choices = tuple(_table()["choices"].get(attribute, ("yes", "no")))
-    asked = {"colour": f"what colour is the {label}?"}.get(attribute, f"is the {label} {choices[0]}?")
-    if kind == "which":
-        asked, choices = f"which {label} is {truth}?", ("left", "right")
-        plain = f"Which {label} is {truth}, the left or the right one?"
-        truth = choices[0 if things[target or 0].right_m < things[1 - (target or 0)].right_m else 1]
-    elif attribute == "colour":
-        plain = f"What is the main colour of the {label}?"
-    elif words:
-        plain = f"{words[:1].upper()}{words[1:]}"
-    else:
-        plain = f"Is the {label} {' or '.join(choices)}?"
-    eye_m = LOW_EYE_M if view == "low" else EYE_M
-    return LookItem(
-        f"{room}-{number + 1}", room, kind, label, words or asked, plain, attribute, choices, truth, tuple(things),
-        support, away_m, eye_m, view == "behind", target,
-    )  # fmt: skip
+def items() -> tuple[LookItem, ...]:
+    """All questions of ``look_rooms.toml``, room by room; four rooms of each kind of floor and wall."""
+    table = tomllib.loads(Path(__file__).with_name("look_rooms.toml").read_text("utf-8"))
+    made = list[LookItem]()
+    for room, rows in table["rooms"].items():
+        for number, row in enumerate(rows, start=1):
+            choices = ("left", "right") if row["kind"] == "which" else tuple(table["choices"][row["attribute"]])
+            things = tuple(Placed(**each | {"size": tuple(each.get("size", ()))}) for each in row["things"])
+            made.append(LookItem(f"{room}-{number}", room, choices=choices, **row | {"things": things}))
+    return tuple(made)
 
 
 def scene_of(room: str, asked: Sequence[LookItem]) -> Scene:

@@ -47,11 +47,7 @@ things:
     things: [{type: Mug, on: top, at: [-0.2, 0.0]}, {type: Laptop, on: top, at: [0.2, 0.0]}]
   - {type: Fridge, at: [0.5, 2.6], face: south}
 """
-VARIANTS = {
-    "fifo": ("fifo", ()),
-    "wsgi": ("wsgi", ()),
-    "fifo, old depth": ("fifo", ("--legacy",)),
-}
+VARIANTS = {"fifo": ("fifo", ()), "wsgi": ("wsgi", ()), "fifo, old depth": ("fifo", ("--legacy",))}
 Maker = Callable[..., Any]
 
 

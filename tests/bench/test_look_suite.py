@@ -16,7 +16,7 @@ from cartier.io.images import decode_jpeg
 from cartier.vision.attributes import CLOSED
 from cartier.vision.batch import PictureWriter
 from cartier_bench import llm_match, look_run, suite
-from cartier_bench.look_items import CANNOT_TELL, KINDS, items, scene_of
+from cartier_bench.look_items import CANNOT_TELL, KINDS, PLACES_X, items, scene_of
 from cartier_bench.look_modes import MODES, grey, mirrored
 from cartier_bench.look_report import results
 from vision.seeing_server import serving
@@ -46,6 +46,7 @@ def test_questions_have_closed_answers_and_no_two_ids() -> None:
     every = items()
     assert len({each.id for each in every}) == len(every) >= 40
     assert {each.kind for each in every} == set(KINDS)
+    assert max(Counter(each.room for each in every).values()) == len(PLACES_X)
     for each in every:
         assert each.truth in (*each.choices, CANNOT_TELL) and each.truth not in each.id
         assert (each.truth == CANNOT_TELL) == (each.kind == "hidden side")

@@ -15,17 +15,7 @@ from cartier.errors import InputError
 from cartier.labels import display_name
 from cartier.llm.prompts import check_query
 from cartier_bench.lines import MAX_BYTES
-from cartier_bench.queries import (
-    MAX_QUERIES,
-    OWN,
-    SPLITS,
-    TYPES,
-    Query,
-    cases,
-    load_file,
-    load_queries,
-    targets,
-)
+from cartier_bench.queries import MAX_QUERIES, OWN, SPLITS, TYPES, Query, cases, load_file, load_queries, targets
 from cartier_bench.rows import read_rows
 
 WORLD = plugins.make("worlds", "dollhouse")

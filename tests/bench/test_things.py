@@ -230,12 +230,7 @@ def test_answers_to_questions_are_compared_exactly() -> None:
     nothing = Item("n", "toy", "nothing", ("the piano",))
     assert [
         score(nothing, Given("n", s, 3), TRUTH).right for s in ("found", "likely_near", "not_found", "clarify")
-    ] == [
-        False,
-        False,
-        True,
-        True,
-    ]
+    ] == [False, False, True, True]
 
 
 GOOD = {"id": "a", "home": "toy", "kind": "relation", "text": "the cup", "accept_ids": [5], "answer": None}
