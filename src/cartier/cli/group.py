@@ -17,7 +17,7 @@ from typer.core import TyperGroup
 OWN = {
     command: module
     for module, commands in (
-        ("_make", "demo record map"),
+        ("_make", "map"),
         ("_list", "list"),
         ("_live", "live"),
         ("_join", "join"),
@@ -81,9 +81,12 @@ class Commands(TyperGroup):
 @cache
 def _helps(module: str) -> dict[str, str]:
     """The help of each command that a module defines by ``app.command``, and of the group that it names."""
-    spec = find_spec(module)
-    found = {}
-    for node in ast.parse(Path(spec.origin).read_text("utf-8")).body if spec is not None and spec.origin else ():
+    package, *within = module.split(".")
+    spec = find_spec(package)  # of the module itself, it would import the packages above
+    folders = spec.submodule_search_locations if spec is not None else None
+    file = Path(folders[0], *within).with_suffix(".py") if folders else Path((spec and spec.origin) or "")
+    found = dict[str, str]()
+    for node in ast.parse(file.read_text("utf-8")).body if file.is_file() else ():
         if isinstance(node, ast.FunctionDef):
             names = [d.args[0] for d in node.decorator_list if isinstance(d, ast.Call) and d.args]
             name = ast.literal_eval(names[0]) if names else node.name
