@@ -106,18 +106,8 @@ def _legend(axes: Axes, drawn: set[str], bars: bool = False) -> None:
         Line2D([], [], color=colour, marker=shape, ls="", ms=8, label=kind) for kind, (colour, shape) in looks.items()
     ]
     if "paper" in drawn:
-        marks.append(
-            Line2D(
-                [],
-                [],
-                mfc="white",
-                mec=FAINT,
-                marker="o",
-                ls="",
-                ms=6,
-                label="the paper: other scenes,\nother detector",
-            )
-        )
+        hollow: Any = {"mfc": "white", "mec": FAINT, "marker": "o", "ls": "", "ms": 6}
+        marks.append(Line2D([], [], label="the paper: other scenes,\nother detector", **hollow))
     axes.legend(
         handles=marks, loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False, fontsize=9.5, labelspacing=0.8
     )

@@ -104,7 +104,7 @@ def paper(
 ) -> None:
     """Repeat the paper's evaluation: every method on every kind of request in every home, and a report."""
     from cartier_bench import paper_run, report, suite
-    from cartier_bench.maps import Maps, MapSettings, encoder_for
+    from cartier_bench.maps import Maps, MapSettings, encoder_for, file_name
     from cartier_bench.methods import METHODS
     from cartier_bench.queries import SPLITS, load_file, load_queries
 
@@ -114,7 +114,7 @@ def paper(
     detectors = list(dict.fromkeys(detector or [specs.DETECTOR]))
     made_by = [MapSettings(world, one, encoder or encoder_for(one), seed) for one in detectors]
     where = _names(homes) or tuple(Maps(output, made_by[0]).world.homes())
-    kept, beside = maps or output / "maps", [output / _folder(one) for one in detectors[1:]]
+    kept, beside = maps or output / "maps", [output / f"with-{file_name(one)}" for one in detectors[1:]]
     every = [
         (folder, paper_run.BenchSettings(where, _names(methods) or tuple(METHODS), queries, made, seed, prompt))
         for folder, made in zip([output, *beside], made_by, strict=True)
@@ -301,11 +301,6 @@ def _writer(file: Path, model: str | None, prompt: str | None, replies: Path | N
 
 def _show(run: Path, as_json: bool) -> None:
     print((run / ("results.json" if as_json else "report.md")).read_text("utf-8"))
-
-
-def _folder(detector: str) -> str:
-    """The name of the folder for another detector's run."""
-    return "with-" + "".join(c if c.isalnum() or c in "-_" else "_" for c in detector)[:80]
 
 
 def _names(text: str | None) -> tuple[str, ...]:

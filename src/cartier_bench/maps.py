@@ -40,6 +40,11 @@ def encoder_for(detector: str) -> str:
     return PIXELS if detector.partition(":")[0] == "embedded" else "embedded"
 
 
+def file_name(text: str) -> str:
+    """A text as the name of a file or folder."""
+    return "".join(c if c.isalnum() or c in "-_" else "_" for c in text)[:80]
+
+
 class Maps:
     """Mapped homes of one world, in ``folder``; a home is explored and mapped when it is first asked for."""
 
@@ -74,5 +79,4 @@ class Maps:
             ours = dollhouse_detector.load()
             made_of["model"] = [ours.sha256, asdict(ours.score_model)]
         key = json.dumps(made_of, sort_keys=True)
-        safe = "".join(c if c.isalnum() or c in "-_" else "_" for c in home)
-        return self.folder / f"{safe}-{hashlib.sha256(key.encode()).hexdigest()[:10]}"
+        return self.folder / f"{file_name(home)}-{hashlib.sha256(key.encode()).hexdigest()[:10]}"

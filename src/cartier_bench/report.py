@@ -12,7 +12,7 @@ from typing import Any
 
 from cartier.errors import InputError
 from cartier.io.atomic import replaced_folder, write_file, write_json
-from cartier.io.files import read_json
+from cartier.io.files import read_json, read_text
 from cartier_bench._figure import distance_png, match_png
 from cartier_bench._markdown import report
 from cartier_bench.page import FOLDER, Photo, failure_kind, page, take_photos
@@ -132,17 +132,7 @@ def _verdicts(rows: Iterable[Mapping[str, Any] | Row]) -> dict[str, Row]:
 
 def _marked_lines(file: Path) -> list[tuple[int, dict[str, str]]]:
     """The lines of a marked CSV with their numbers, whichever separator the spreadsheet left between the cells."""
-    try:
-        with file.open("rb") as opened:
-            data = opened.read(MAX_MARKING_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{file} cannot be read: {error.strerror}") from error
-    if len(data) > MAX_MARKING_BYTES:
-        raise InputError(f"{file} is larger than {MAX_MARKING_BYTES // 2**20} MiB; that is no marking of cartier's")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{file} is not UTF-8 text; save it as CSV UTF-8") from error
+    text = read_text(file, MAX_MARKING_BYTES)
     head = text.split("\n", 1)[0]
     reader = csv.DictReader(io.StringIO(text, newline=""), delimiter=max(",;\t", key=head.count))
     try:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,40 +19,17 @@ from cartier.io.atomic import write_json
 from cartier.io.files import read_json
 from cartier.labels import display_name
 from cartier.types import Inventory, MapObject, Room, View
+from cartier_bench.maps import file_name
 from cartier_dollhouse import Dollhouse
 from cartier_dollhouse.contacts import Contacts
 from cartier_dollhouse.model import Scene, Thing
 
 SHOWN_PX = 400  # in some frame of a walk, of what one may ask for
 VERSION = 2  # of what is kept of a home
-COLOURS: dict[str, tuple[str, ...]] = {
-    "white": ("white", "whitesmoke", "whitewood"),
-    "cream": ("ivory", "cream", "antiquewhite", "honeydew"),
-    "grey": ("grey", "dimgray", "lightgrey", "silver", "steel", "metal", "stone"),
-    "dark grey": ("charcoal", "dark"),
-    "black": ("black", "screen", "rubber"),
-    "red": ("red", "crimson", "darkred"),
-    "rust": ("terracotta",),
-    "orange": ("orange",),
-    "yellow": ("mustard", "gold", "darkgoldenrod"),
-    "green": ("sage", "olive", "olivedrab", "darkgreen", "forestgreen", "green", "limegreen", "seagreen",
-              "mediumseagreen", "yellowgreen", "plant"),
-    "blue": ("petrol", "steelblue", "dodgerblue", "royalblue", "navy", "cornflowerblue", "skyblue"),
-    "pink": ("pink", "lightpink"),
-    "brown": ("walnut", "brown", "saddlebrown", "chocolate", "peru"),
-    "light wood": ("oak", "pine", "birch", "beech", "ash", "wicker", "cardboard"),
-    "beige": ("tan", "wheat", "sand", "burlywood"),
-}  # fmt: skip
+_TABLE = tomllib.loads((Path(__file__).parent / "thing_texts" / "colours.toml").read_text("utf-8"))
+COLOURS: dict[str, list[str]] = _TABLE["tints"]
 """What people call the colours of the dollhouse's materials."""
 _OF_MATERIAL = {material: colour for colour, materials in COLOURS.items() for material in materials}
-_PLAIN = {
-    "plastic": "white",
-    "ceramic": "white",
-    "paper": "white",
-    "fabric": "grey",
-    "leather": "brown",
-    "light": "white",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +66,7 @@ def true_home(
         raise InputError(
             f"requests can be made only where all is known of a home, in the dollhouse, not in {world.name}"
         )
-    scene, file = world.scene(name), keep / f"truth-{_safe(name)}-{seed}-{VERSION}.json"
+    scene, file = world.scene(name), keep / f"truth-{file_name(name)}-{seed}-{VERSION}.json"
     objects = true_objects(scene)
     kept = read_json(file) if file.exists() else None
     if kept is None or kept["things"] != [[o.id, o.label, *map(float, o.position)] for o in objects]:
@@ -116,18 +93,9 @@ def true_objects(scene: Scene) -> list[MapObject]:
     for obj in scene.things:
         box = obj.truth()
         low, high, name = box.box_min, box.box_max, display_name(box.label)
-        middle = tuple((np.add(low, high) / 2).tolist())
-        room = int(box_distance(np.array(middle[:2]), rooms[:, :2], rooms[:, 2:]).argmin())
-        never = {
-            "n_detected": 1,
-            "n_observable": 1,
-            "first_seen_s": 0.0,
-            "last_seen_s": 0.0,
-            "last_looked_s": 0.0,
-            "views": (),
-        }
-        known: dict[str, Any] = never | {"colours": _colours(obj), "room": room}
-        found.append(MapObject(obj.id, name, ((name, 1.0),), middle, low, high, 1.0, True, **known))
+        room = int(box_distance(np.add(low, high)[:2] / 2, rooms[:, :2], rooms[:, 2:]).argmin())
+        known = {"n_detected": 1, "n_observable": 1, "colours": _colours(obj), "room": room}
+        found.append(MapObject.of_box(obj.id, name, low, high, **known))
     return found
 
 
@@ -138,7 +106,7 @@ def _colours(obj: Thing) -> tuple[tuple[str, float], ...]:
     for part in obj.shape.parts:
         a, b, c = part.vertices[part.faces].astype(np.float64).transpose(1, 0, 2)
         kind, _, tint = part.material.partition(":")
-        colour = _OF_MATERIAL.get(tint or _PLAIN.get(kind, kind), "")
+        colour = _OF_MATERIAL.get(tint or _TABLE["kinds"].get(kind, kind), "")
         areas[colour] += float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
     total = sum(areas.values())
     shares = sorted(((colour, round(area / total, 3)) for colour, area in areas.items() if colour), key=lambda c: -c[1])
@@ -155,10 +123,6 @@ def _pixels(world: Dollhouse, name: str, seed: int, progress: Callable[[str, int
         if progress:
             progress(name, number + 1, len(recording))
     return [int(n) for n in pixels]
-
-
-def _safe(name: str) -> str:
-    return "".join(c if c.isalnum() or c in "-_" else "_" for c in name)[:80]
 
 
 @cache
