@@ -16,8 +16,10 @@ from cartier.errors import CartierError
 from cartier.home import Home
 from cartier.mapping.domain import domain_warning, is_from_world
 from cartier.pipeline import ask, map_home
+from cartier.reasoners.embedded import make
 from cartier.recordings.folder import save
 from cartier.types import Camera, Frame
+from cartier.understanding.cards import read_deck
 from cartier.understanding.out_of_vocabulary import out_of_vocabulary_mention
 from synthetic import THINGS, RoomRecording, TrueBoxes
 from synthetic import small_walk as walk
@@ -128,16 +130,20 @@ def test_a_photograph_detector_is_told_of_the_dollhouses_own(tmp_path: Path) -> 
     ],
 )
 def test_what_a_detector_has_no_name_for(query: str, names: tuple[str, ...], expected: str | None) -> None:
-    assert out_of_vocabulary_mention(query, names) == expected
+    assert out_of_vocabulary_mention(query, names, read_deck()) == expected
 
 
-def test_ask_says_that_the_detector_has_no_name_for_what_was_asked() -> None:
+def test_ask_says_that_the_detector_has_no_name_for_what_was_asked(tmp_path: Path) -> None:
     home = map_home(named("dollhouse 7"), Dollhouse(THINGS))
     line = (
         "a dollhouse detector (test), which mapped this home, knows only 3 names, and coffee machine is not among them"
     )
     assert line in ask(home, "Bring me to the coffee machine").notes
     assert line not in ask(home, "Bring me to the chair").notes
+    (tmp_path / "mine.toml").write_text('[theremin]\nuses = ["eerie music"]\n')
+    mine = make(cards=tmp_path / "mine.toml")
+    assert any("and theremin is not" in note for note in ask(home, "Bring me to the theremin", mine).notes)
+    assert line not in ask(home, "Bring me to the coffee machine", mine).notes
     unknown = map_home(named("dollhouse 7"), TrueBoxes(THINGS))
     assert not any("knows only" in note for note in ask(unknown, "Bring me to the coffee machine").notes)
 

@@ -397,6 +397,8 @@ class ReasonerDefaults:
     """How many requests it has sent to a language model so far."""
     tokens: int = 0
     """How many tokens these took, prompts and replies together."""
+    deck: Any = None
+    """The cards of the things that it knows by name (``understanding.cards.Deck``); None for those that ship."""
 
 
 class VisionModel(Protocol):

@@ -74,7 +74,9 @@ class Conversation:
             InputError, ReasonerError, BackendError: As ``ask`` does.
         """
         words = check_query(words)
-        corrected = correct_by_words(self.home, words, self.turns, index=self.index, from_xy=self.from_xy)
+        corrected = correct_by_words(
+            self.home, words, self.turns, index=self.index, from_xy=self.from_xy, reasoner=self.reasoner
+        )  # fmt: skip
         self.home, told = corrected or (self.home, None)
         if told is not None:
             answer = serve(

@@ -29,6 +29,7 @@ from cartier.navigation.traction import traction_layer
 from cartier.types import Answer, Goal, Place, RobotModel, Selection
 from cartier.types.route_rules import RouteRule
 from cartier.understanding import alarm
+from cartier.understanding.cards import deck_of
 from cartier.understanding.out_of_vocabulary import out_of_vocabulary_mention
 from cartier.understanding.route_rules import GO_ANYWAY, agrees
 from cartier.vision.permission import Look
@@ -208,7 +209,9 @@ def ask(
     looked = None
     if look is not None and alarming is None:
         with _timed(timing_ms, "look"):
-            looked = look_for_answer(home, query, selection, inventory, look, from_xy, robot or RobotModel())
+            looked = look_for_answer(
+                home, query, selection, inventory, look, from_xy, robot or RobotModel(), deck_of(reasoner)
+            )
     selection, trace, looked_notes = looked or (selection, None, ())
     selection = selection if alarming is not None else seen_twice(home, query, selection, inventory)
     if not inventory.contains(selection):
@@ -220,7 +223,7 @@ def ask(
     )  # fmt: skip
     if alarming is not None:
         return answer  # what else there is to know about the home can wait
-    notes = (*optional(reasoner, ReasonerDefaults, "notes"), *_doubts(home, query, selection), *looked_notes)
+    notes = (*optional(reasoner, ReasonerDefaults, "notes"), *_doubts(home, query, selection, reasoner), *looked_notes)
     return replace(answer, notes=(*notes, *answer.notes), look=trace)
 
 
@@ -232,14 +235,14 @@ def _holding(rules: Sequence[RouteRule], selection: Selection, now: datetime) ->
     return [rule for rule in dict.fromkeys((*rules, *said)) if rule.holds(now) and rule not in ended]
 
 
-def _doubts(home: Home, query: str, selection: Selection) -> Iterator[str]:
+def _doubts(home: Home, query: str, selection: Selection, reasoner: Reasoner) -> Iterator[str]:
     """Why the detector may be to blame: it was made for other pictures, or has no label for what was asked for."""
     yield from home.settings.get("doubts", ())
     names = home.settings.get("knows", ())
     if (
         names
         and selection.status != "found"
-        and (asked := out_of_vocabulary_mention(query, (*names, *home.names))) is not None
+        and (asked := out_of_vocabulary_mention(query, (*names, *home.names), deck_of(reasoner))) is not None
     ):
         yield f"{home.detector}, which mapped this home, knows only {len(names)} names, and {asked} is not among them"
 

@@ -15,9 +15,12 @@ from cartier.reasoners import embedded
 from cartier.types import Inventory
 from cartier.understanding import cards
 from cartier.understanding.card_vectors import shipped, text_key
-from cartier.understanding.cards import SHIPPED, read_deck
+from cartier.understanding.cards import SHIPPED, deck_of, read_deck
+from cartier.understanding.out_of_vocabulary import out_of_vocabulary_mention
 from cartier.understanding.spelling import Spelling
+from cartier.understanding.spoken_corrections import spoken_correction
 from cartier.understanding.text import stem
+from cartier.vision.pixels import BLIND
 
 THOR = Path(__file__).parents[1] / "data" / "thor_object_types.json"
 
@@ -96,6 +99,19 @@ def test_your_own_cards_are_used(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text('[theremin]\nuses = ["eerie music", "wave my hands in the air"]\n')
     mine = embedded.make(cards=tmp_path / "mine.toml")
     assert mine.select("some eerie music, please", Inventory.of(["cup", "theremin"])).object == "theremin"
+
+
+def test_your_own_cards_name_things_everywhere(tmp_path: Path) -> None:
+    """In questions about looks, in corrections, and in what a detector has no name for."""
+    (tmp_path / "mine.toml").write_text('[theremin]\nsynonyms = ["etherwave"]\nuses = ["eerie music"]\n')
+    mine, shipped = embedded.make(cards=tmp_path / "mine.toml"), embedded.make()
+    listed = Inventory.of(["cup", "theremin"])
+    assert BLIND in (mine.select("Is the etherwave clean?", listed).text or "")
+    for reasoner, known in ((mine, True), (shipped, False)):
+        deck = deck_of(reasoner)
+        said = spoken_correction("that is an etherwave", [("the cup?", "cup #0")], listed, None, (), deck)
+        assert (said is not None) == known
+        assert out_of_vocabulary_mention("bring me the etherwave", ["cup"], deck) == ("etherwave" if known else None)
 
 
 @pytest.mark.parametrize(

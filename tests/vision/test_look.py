@@ -14,6 +14,7 @@ import pytest
 import cartier
 from cartier.contracts import VisionModel
 from cartier.types import Detections, Fact, Inventory, MapObject, RobotModel, Selection, VisualTrace
+from cartier.understanding.cards import read_deck
 from cartier.vision import crops, prompt
 from cartier.vision.look import Photographs, Surroundings, ask_about, look, question_about
 from cartier.vision.permission import Look
@@ -50,7 +51,9 @@ def told(
     before: Selection = NOTHING,
     around: Surroundings = AROUND,
 ) -> tuple[Selection, VisualTrace, tuple[str, ...]]:
-    found = look(permitted, words, before, Inventory(tuple(objects), ROOMS, from_xy=(0.5, 0.5)), photos, around)
+    found = look(
+        permitted, words, before, Inventory(tuple(objects), ROOMS, from_xy=(0.5, 0.5)), photos, around, read_deck()
+    )
     assert found is not None
     return found
 

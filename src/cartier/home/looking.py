@@ -14,6 +14,7 @@ from cartier.vision.permission import Look
 
 if TYPE_CHECKING:
     from cartier.home.entity import Home
+    from cartier.understanding.cards import Deck
     from cartier.vision.look import Photographs
     from cartier.vision.verification import Calibration, Checked
 
@@ -44,12 +45,13 @@ def look_for_answer(
     allowed: Look,
     from_xy: tuple[float, float],
     robot: RobotModel,
+    deck: Deck,
 ) -> tuple[Selection, VisualTrace, tuple[str, ...]] | None:
     """What the photographs change in an answer, how, and what the person is told; None if they are not needed."""
     from cartier.vision.look import Surroundings, look
 
     around = Surroundings(home.grid, from_xy, robot)
-    return look(allowed, query, selection, inventory, photographs_of(home), around)
+    return look(allowed, query, selection, inventory, photographs_of(home), around, deck)
 
 
 def seen_twice(home: Home, query: str, selection: Selection, inventory: Inventory) -> Selection:

@@ -10,6 +10,7 @@ from cartier.home.entity import Home
 from cartier.types import Answer, Selection
 from cartier.types.route_rules import UNDERSTOOD
 from cartier.understanding import alarm
+from cartier.understanding.cards import deck_of
 from cartier.understanding.spoken_corrections import NOTED, spoken_correction
 
 
@@ -21,18 +22,20 @@ def correct_by_words(
     index: str | None = None,
     from_xy: Sequence[float] | None = None,
     who: str = "a conversation",
+    reasoner: object = None,
 ) -> tuple[Home, Selection | None] | None:
     """Correct a home if that is what the words do: the corrected home, and what to answer. None for other words.
 
     Without an answer, the words told which room a person's is: the request before them can now be served.
-    ``dialogue`` are the earlier (person, robot) turns, and ``from_xy`` (m) is where the robot stands. A home that was
-    not loaded from a folder is never corrected. Raises InputError for a correction that is refused.
+    ``dialogue`` are the earlier (person, robot) turns, ``from_xy`` (m) is where the robot stands, ``reasoner`` one that
+    may have cards of its own. A home that was not loaded from a folder is never corrected. Raises InputError for a
+    correction that is refused.
     """
     if home.store is None or alarm.screen(words) is not None:
         return None
     here = find_room(home.start_xy if from_xy is None else from_xy, home.rooms, home.grid)
     inventory, knows = home.inventory(index, from_xy), home.settings.get("knows", ())
-    spoken = spoken_correction(words, dialogue, inventory, here, knows)
+    spoken = spoken_correction(words, dialogue, inventory, here, knows, deck_of(reasoner))
     if spoken is None:
         return None
     changed, done = home.correct(spoken.what, spoken.entity, name=spoken.name, who=who)

@@ -48,7 +48,7 @@ class Embedded:
             return Selection("not_found", reason="nothing was detected in this home", model=MODEL)
         home = KnownHome(inventory, lexicon(self.deck, inventory))
         state = self.tracker.state(dialogue, home)
-        if (by_looks := pixels.answer(query[-LATEST:], inventory, state.last, MODEL)) is not None:
+        if (by_looks := pixels.answer(query[-LATEST:], inventory, state.last, MODEL, self.deck)) is not None:
             return by_looks
         clauses = self.tracker.meant(query, dialogue, home)
         if dialogue and dialogue[-1][1].endswith(OFFER) and clauses:

@@ -100,7 +100,7 @@ class Operations:
         with self._lock:
             turns = list(self._turns.get(key, ()))
         start = start_of(self.homes.start_xy(mapped), from_x, from_y)
-        corrected = correct_by_words(mapped, words, turns, from_xy=start) if corrects else None
+        corrected = correct_by_words(mapped, words, turns, from_xy=start, reasoner=self.reasoner) if corrects else None
         mapped, chosen = corrected or (mapped, None)
         if chosen is not None:
             answer = serve(mapped, words, chosen, CORRECTION, from_xy=start, robot=self.robot)

@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from cartier.contracts import ReasonerDefaults, optional
 from cartier.errors import InputError, brief
 from cartier.io.files import read_text
 from cartier.labels import display_name, name_key, plain, words
@@ -81,8 +82,14 @@ def bare(name: str) -> str:
     return re.sub(r"\([^)]*\)", " ", display_name(name)).strip(" _") or name
 
 
+def deck_of(reasoner: object) -> Deck:
+    """The cards of a reasoner: its own, or those that ship."""
+    own: Deck | None = optional(reasoner, ReasonerDefaults, "deck")
+    return own or read_deck(SHIPPED)
+
+
 @cache
-def read_deck(path: Path) -> Deck:
+def read_deck(path: Path = SHIPPED) -> Deck:
     """The deck of a card file, or of all card files of a folder. Raises InputError with one line when one is faulty."""
     built = _built() if path == SHIPPED else None
     return built or Deck(read_cards(path))

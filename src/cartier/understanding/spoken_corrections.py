@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 
 from cartier.labels import name_key, plain, words
 from cartier.types import Inventory, MapObject
-from cartier.understanding.cards import SHIPPED, read_deck
+from cartier.understanding.cards import Deck, read_deck
 from cartier.understanding.owners import owner_told
 from cartier.understanding.tentative import OFFER
 
@@ -41,11 +41,17 @@ class SpokenCorrection(NamedTuple):
 
 
 def spoken_correction(
-    text: str, dialogue: Sequence[tuple[str, str]], inventory: Inventory, here: int | None, knows: Collection[str] = ()
+    text: str,
+    dialogue: Sequence[tuple[str, str]],
+    inventory: Inventory,
+    here: int | None,
+    knows: Collection[str] = (),
+    deck: Deck | None = None,
 ) -> SpokenCorrection | None:
     """The correction that a person's words are after the turns of a dialogue, or None for any other words.
 
-    ``here`` is the id of the room where the robot stands, and ``knows`` are further labels that objects may have.
+    ``here`` is the id of the room where the robot stands, ``knows`` are further labels that objects may have, and
+    ``deck`` are the cards of others, by default those that ship.
     """
     if "?" in text:
         return None
@@ -64,7 +70,7 @@ def spoken_correction(
         return SpokenCorrection("confirm", str(obj.id), drive=robot.endswith(OFFER)) if same else None
     if (other := IS_A.fullmatch(said)) is not None and name_key(other["label"]) != name_key(obj.label):
         known = {name_key(name) for name in (*inventory.names, *knows)}
-        if name_key(other["label"]) in known or name_key(other["label"]) in read_deck(SHIPPED).by_key:
+        if name_key(other["label"]) in known or name_key(other["label"]) in (deck or read_deck()).by_key:
             return SpokenCorrection("relabel", str(obj.id), other["label"])
     return None
 

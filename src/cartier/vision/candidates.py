@@ -6,7 +6,7 @@ from cartier.spatial.expressions import ReferringExpression
 from cartier.spatial.query import Scene
 from cartier.types import Inventory, MapObject, Selection
 from cartier.understanding.assembly import query
-from cartier.understanding.cards import SHIPPED, read_deck
+from cartier.understanding.cards import Deck
 from cartier.understanding.entity_vocabulary import lexicon
 from cartier.understanding.parser import parser
 from cartier.understanding.utterance import listen
@@ -16,22 +16,22 @@ WEAK_LABEL = 0.5
 """The share of the evidence for an object's label below which it is doubtful what the object is."""
 
 
-def meant(asked: Asked, inventory: Inventory) -> list[MapObject]:
+def meant(asked: Asked, inventory: Inventory, deck: Deck) -> list[MapObject]:
     """The confirmed objects that the noun phrase of a question may mean, the nearest first; none if it names none."""
-    head = _phrase(asked, inventory)
+    head = _phrase(asked, inventory, deck)
     return Scene(inventory).meant(head)[0] if head is not None and (head.labels or head.similar) else []
 
 
-def passages(asked: Asked, inventory: Inventory, shut: bool = False) -> list[tuple[int, int]]:
+def passages(asked: Asked, inventory: Inventory, deck: Deck, shut: bool = False) -> list[tuple[int, int]]:
     """The passages of the floor plan that the noun phrase may mean, each by the ids of the rooms that it joins; with
     ``shut`` those that are shut by now."""
-    head = _phrase(asked, inventory)
+    head = _phrase(asked, inventory, deck)
     return [] if head is None else [door.rooms for door in Scene(inventory).doors(head, shut)]
 
 
-def _phrase(asked: Asked, inventory: Inventory) -> ReferringExpression | None:
+def _phrase(asked: Asked, inventory: Inventory, deck: Deck) -> ReferringExpression | None:
     """The noun phrase as the parser reads it."""
-    names = lexicon(read_deck(SHIPPED), inventory)
+    names = lexicon(deck, inventory)
     clauses = parser()(listen(f"go to {asked.noun}").tokens, None, names)
     return query(clauses[0], names).head if clauses else None
 

@@ -30,6 +30,7 @@ from cartier.types import (
     VisualReply,
     VisualTrace,
 )
+from cartier.understanding.cards import Deck
 from cartier.vision import attributes, prompt
 from cartier.vision.candidates import doubtful, meant
 from cartier.vision.crops import MAX_TOKENS, picture
@@ -89,13 +90,14 @@ def look(
     inventory: Inventory,
     photographs: Photographs,
     around: Surroundings,
+    deck: Deck,
 ) -> tuple[Selection, VisualTrace, tuple[str, ...]] | None:
     """What the photographs change in an answer; None if there is no reason to look.
 
     Returns:
         The answer, how it came about, and lines for the person: which photographs left, and to whom.
     """
-    found = _question(words, selection, inventory)
+    found = _question(words, selection, inventory, deck)
     if found is None:
         return None
     question, candidates, asked = found
@@ -157,11 +159,11 @@ def question_about(obj_label: str, attribute: str, wanted: str = "", **more: obj
 
 
 def _question(
-    words: str, selection: Selection, inventory: Inventory
+    words: str, selection: Selection, inventory: Inventory, deck: Deck
 ) -> tuple[VisualQuestion, list[MapObject], attributes.Asked | None] | None:
     """The question to photographs, its candidates, and what the words ask; None if the list is enough."""
     asked = attributes.read(words)
-    candidates = meant(asked, inventory) if asked is not None else []
+    candidates = meant(asked, inventory, deck) if asked is not None else []
     if asked is not None and candidates:
         reason: Literal["which", "look", "state"] = (
             "which" if asked.form == "which" else "look" if asked.attribute in ("colour", "text", "look") else "state"

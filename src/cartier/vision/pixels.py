@@ -15,6 +15,7 @@ from cartier.labels import words
 from cartier.spatial.describe import colours_of, whereabouts
 from cartier.spatial.query import Scene
 from cartier.types import Fact, Inventory, MapObject, Selection
+from cartier.understanding.cards import Deck
 from cartier.vision.attributes import PRONOUNS, Asked, read, read_of_last, read_unlisted
 from cartier.vision.brightness import SeenTwice
 from cartier.vision.candidates import meant, passages
@@ -22,7 +23,7 @@ from cartier.vision.candidates import meant, passages
 BLIND = "I cannot tell by looking without a vision model"
 
 
-def answer(said: str, inventory: Inventory, last: MapObject | None, model: str) -> Selection | None:
+def answer(said: str, inventory: Inventory, last: MapObject | None, model: str, deck: Deck) -> Selection | None:
     """The answer to a question about how objects look, as far as a map has it.
 
     Args:
@@ -30,6 +31,7 @@ def answer(said: str, inventory: Inventory, last: MapObject | None, model: str) 
         inventory: The home's objects and rooms.
         last: The object that was mentioned before, which "it" stands for.
         model: The name of the reasoner that answers.
+        deck: The cards of what it knows by name.
 
     Returns:
         The answer in words; None if something else is asked for, if what is asked about is not in the list, or if the
@@ -42,11 +44,11 @@ def answer(said: str, inventory: Inventory, last: MapObject | None, model: str) 
         return None  # a drive to "a clean towel": the list serves it, and its state is not known
     scene = Scene(inventory)
     if asked.attribute == "open":
-        opened, shut = passages(asked, inventory), passages(asked, inventory, shut=True)
+        opened, shut = passages(asked, inventory, deck), passages(asked, inventory, deck, shut=True)
         if opened or shut:
             return _passage(asked, opened, shut, scene, model)
     it = [] if last is None else [last]
-    found = it if asked.noun in PRONOUNS else meant(asked, inventory)
+    found = it if asked.noun in PRONOUNS else meant(asked, inventory, deck)
     if not found:
         return None
     if asked.attribute == "colour":
