@@ -13,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from importlib import import_module
+from importlib.metadata import entry_points
 from typing import Any
 
 import pytest
@@ -181,7 +182,8 @@ def test_help_lists_every_command() -> None:
     own = {
         command.name or command.callback.__name__ for module in modules for command in module.app.registered_commands
     }
-    assert own == set(OWN) == {name for name, _ in told} - {"bench", "fleet", "play"}
+    beside = {entry.name for entry in entry_points(group="cartier.commands")}
+    assert own == set(OWN) == {name for name, _ in told} - beside and {"bench", "fleet", "play"} <= beside
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     assert all(
         commands[name].name == name and text.rstrip(".") in " ".join(commands[name].help.split()) for name, text in told

@@ -17,20 +17,13 @@ from typer.core import TyperGroup
 OWN = {
     command: module
     for module, commands in (
-        ("_make", "map"),
-        ("_list", "list"),
-        ("_live", "live"),
-        ("_join", "join"),
-        ("_check", "convert doctor check-model"),
-        ("_show", "show"),
-        ("_ask", "ask"),
-        ("_verify", "verify"),
-        ("_correct", "name confirm relabel add merge split forget move undo"),
-        ("_rules", "rules"),
+        ("_make", "map"), ("_list", "list"), ("_live", "live"), ("_join", "join"),
+        ("_check", "convert doctor check-model"), ("_show", "show"), ("_ask", "ask"), ("_verify", "verify"),
+        ("_correct", "name confirm relabel add merge split forget move undo"), ("_rules", "rules"),
         ("_serve", "serve mcp export"),
     )
     for command in commands.split()
-}
+}  # fmt: skip
 
 
 class _ByName(Mapping[str, Any]):
