@@ -36,8 +36,8 @@ def report(
         _spread(methods, head),
         "## How often the right object: object match",
         "Share of answers that name an acceptable object, by the published table of synonyms "
-        "(`cartier_bench/matching.toml`). The paper has this as a bar chart judged by hand, without numbers, so it has no "
-        "column here. *VLMaps, words alone* names nothing itself: the object whose place is nearest to its spot "
+        "(`cartier_bench/matching.toml`). The paper has this as a bar chart judged by hand, without numbers, so it has "
+        "no column here. *VLMaps, words alone* names nothing itself: the object whose place is nearest to its spot "
         "counts.",
         _matched(methods, head),
         "![Share of answers that name an acceptable object](object_match.png)",
