@@ -12,6 +12,7 @@ from urllib.parse import unquote
 
 import pytest
 import typer.main
+from typer.testing import CliRunner
 
 import cartier
 from cartier.cli import app
@@ -156,3 +157,30 @@ def test_readme_names_of_the_sample_exist() -> None:
     called = {node.attr for node in ast.walk(ast.parse(line)) if isinstance(node, ast.Attribute)}
     assert called == {"map_home", "open_recording", "make", "save"}
     assert all(hasattr(cartier, name) for name in called - {"save"}) and hasattr(cartier.Home, "save")
+
+
+@pytest.mark.slow
+def test_readme_shows_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rows and answers of the demo's home that README prints are those of a run."""
+    monkeypatch.chdir(tmp_path)
+    run = CliRunner()
+    assert run.invoke(app, ["demo"]).exit_code == 0
+    shown = run.invoke(app, ["show", "cartier-demo/home"]).output.splitlines()
+    (block,) = [
+        block for _, block in FENCE.findall(text_of("README.md")) if "$ cartier show cartier-demo/home" in block
+    ]
+    printed = [" ".join(line.split()) for line in block.splitlines()[1:] if line.strip(" …")]
+    assert not set(printed) - {" ".join(line.split()) for line in shown}
+    asked = re.findall(r'^\$ cartier ask cartier-demo/home "(.+)"\n(.+)$', text_of("README.md"), re.MULTILINE)
+    assert len(asked) >= 5
+    for words, first in asked:
+        assert run.invoke(app, ["ask", "cartier-demo/home", words]).output.splitlines()[0] == first
+
+
+def test_design_names_every_package() -> None:
+    tree = text_of("docs/design.md").partition("## 2. The layout")[2].partition("\n## 3.")[0]
+    core = {path.parent.name for path in (ROOT / "src/cartier").glob("*/__init__.py")}
+    named = set(re.findall(r"(\w+)/", tree))
+    assert not core - named
+    beside = {path.name for path in (ROOT / "src").glob("cartier_*")}
+    assert beside == set(re.findall(r"^src/(cartier_\w+)/", tree, re.MULTILINE))
