@@ -97,6 +97,18 @@ def test_sound_poses_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     assert mend(drifting(0.03, 0.0)) is None
 
 
+def test_nothing_at_stake_is_not_solved(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unasked(*given: object) -> None:
+        raise AssertionError("no pair of frames comes closer")
+
+    def astray(samples: list[Surface]) -> np.ndarray:
+        return np.array([(0.0, 0.08 * (k > 0), 0.0, 0.0) for k in range(len(samples))])
+
+    monkeypatch.setattr("cartier.mapping.poses.pose_graph._one_by_one", astray)
+    monkeypatch.setattr("cartier.mapping.poses.pose_graph._solved", unasked)
+    assert mend(ROOM) is None
+
+
 def test_without_depth_or_with_few_frames_nothing_is_mended() -> None:
     assert mend(RoomRecording(AROUND, THINGS, with_depth=False)) is None
     assert mend(RoomRecording(AROUND[:5], THINGS)) is None

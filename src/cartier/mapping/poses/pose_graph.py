@@ -35,6 +35,7 @@ CELL_M, SHARED, PAIRS_EACH = 0.3, 0.25, 5  # frames show the same where they sha
 HELD_OUT = 5  # each fifth registration is left out of the graph, and judges it
 LEAST_M, LEAST_RAD = 0.05, float(np.deg2rad(1.0))  # smaller drift is left alone: it is what registration is off, too
 BETTER = 0.9  # of the distance between surfaces that may be left
+STAKED, HOPELESS = 40, 0.95  # pairs that are fitted each by itself first; what that leaves where no graph does better
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +119,8 @@ class PoseGraph:
             return None
         pairs = _pairs(samples, first)
         judges, edges = pairs[::HELD_OUT], [pair for k, pair in enumerate(pairs) if k % HELD_OUT]
+        if not leaps and not _at_stake(samples, first, judges[:: max(1, len(judges) // STAKED)]):
+            return None
         solved = _solved(samples, first, edges, [jump.sample for jump in leaps])
         if solved is None or not judges:
             return None
@@ -127,6 +130,19 @@ class PoseGraph:
         if after_m > BETTER * before_m:
             return None
         return Mended(np.array(self._numbers), _from(told, samples, solved), before_m, after_m)
+
+
+def _at_stake(samples: Sequence[Surface], first: Floats, pairs: Sequence[tuple[int, int]]) -> bool:
+    """Whether surfaces of some pairs come closer where each pair is fitted by itself; no graph does much better."""
+    before = after = 0.0
+    for early, late in pairs:
+        if min(len(samples[early]), len(samples[late]) - POINTS) < FEWEST:
+            continue
+        against, told = samples[early].placed(first[early]), np.zeros(4)
+        fitted = register(samples[late].first(POINTS), first[late], against, PAIR_REACHES_M, PAIR_SIGMA)
+        before += apart_m(samples[late].placed(told)[POINTS:], samples[early].placed(told))
+        after += 0.0 if fitted is None else apart_m(samples[late].placed(fitted.correction)[POINTS:], against)
+    return after <= HOPELESS * before
 
 
 def _surface(frame: Frame) -> Surface:
