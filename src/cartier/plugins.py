@@ -25,8 +25,6 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 from cartier.errors import BackendError, InputError, MissingExtra
 
 if TYPE_CHECKING:
-    from importlib.metadata import EntryPoints
-
     from cartier.contracts import (
         Detector,
         Encoder,
@@ -227,9 +225,8 @@ def _read(kind: str, name: str, file: Path) -> Backend | None:
     return Backend(kind, name, (ast.get_docstring(tree) or "").split("\n")[0], str(extra) if extra else None)
 
 
-def _entry_points(kind: str) -> EntryPoints:
-    found: EntryPoints = _all_entry_points().select(group=f"cartier.{kind}")
-    return found
+def _entry_points(kind: str) -> Any:
+    return _all_entry_points().select(group=f"cartier.{kind}")
 
 
 @cache

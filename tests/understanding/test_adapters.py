@@ -9,10 +9,11 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
+from cartier.models.minilm import session
 from cartier.understanding.adapters import adapted
 from cartier.understanding.need_scorer import SHIPPED
 from cartier.understanding.parser import CHANGES, word_states
-from cartier.understanding.text_encoder import WIDTH, session
+from cartier.understanding.text_encoder import WIDTH
 
 RNG = np.random.default_rng(0)
 WEIGHT, SCALE, BIAS = RNG.integers(-127, 128, (6, 5)), RNG.uniform(0.01, 0.02, 5), RNG.normal(size=5)

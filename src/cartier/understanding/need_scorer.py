@@ -16,13 +16,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cartier.labels import plain, words
+from cartier.models.minilm import session
 from cartier.types import Array
 from cartier.understanding.card_vectors import VECTORS, Knowledge
 from cartier.understanding.cards import Deck
 from cartier.understanding.lexical import Fit, Lexicon, turned_down
 from cartier.understanding.spelling import Spelling
 from cartier.understanding.text import STOP
-from cartier.understanding.text_encoder import BEGIN, END, MOST_PIECES, reader, session
+from cartier.understanding.text_encoder import BEGIN, END, MOST_PIECES, reader
 from cartier.understanding.utterance import Mention, Utterance, listen, mentions
 
 SHIPPED = Path(__file__).parent  # with scorer.onnx, the layers, scorer.npz, the heads, and vectors.npz, the cards

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cartier.labels import name_key, plain, words
+from cartier.models.minilm import session
 from cartier.spatial.expressions import EntityVocabulary
 from cartier.types import AlarmKind, Array
 from cartier.understanding.adapters import adapted
@@ -24,7 +25,7 @@ from cartier.understanding.decoding import clauses
 from cartier.understanding.need_scorer import SHIPPED, half_way
 from cartier.understanding.reference_words import COLOURS, GENERIC, MOST, ORDER, PLACING, SIZES
 from cartier.understanding.tags import ALARMS, DIALOGUE_ACTS, TAGS, Clause
-from cartier.understanding.text_encoder import BEGIN, END, MOST_PIECES, reader, session
+from cartier.understanding.text_encoder import BEGIN, END, MOST_PIECES, reader
 from cartier.understanding.utterance import TOKEN
 
 FITTED, CHANGES = (Path(__file__).with_name(f"{name}.npz") for name in ("parser", "parser_layers"))

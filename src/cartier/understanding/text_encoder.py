@@ -11,24 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from cartier.models.minilm import FOLDER, WIDTH
+from cartier.models.minilm import FOLDER, WIDTH, session
 from cartier.models.minilm.wordpiece import WordPiece
 from cartier.types import Array
 
 MOST_PIECES = 160  # of a request's end; the learned layers saw none longer
 HALF_WAY = "LayerNormalization_78"  # the output of the second of six layers in minilm.onnx
 BEGIN, END = 101, 102
-
-
-def session(model: bytes) -> Any:
-    """An onnxruntime session on one thread: a sentence is too small to share."""
-    import onnxruntime  # not before the first text
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 3  # no warnings of weights that half a model does not use
-    return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 
 
 def _varint(data: bytes | memoryview, at: int) -> tuple[int, int]:

@@ -134,15 +134,13 @@ class PoseGraph:
 
 def _at_stake(samples: Sequence[Surface], first: Floats, pairs: Sequence[tuple[int, int]]) -> bool:
     """Whether surfaces of some pairs come closer where each pair is fitted by itself; no graph does much better."""
-    before = after = 0.0
+    pairs = [(k, late) for k, late in pairs if min(len(samples[k]), len(samples[late]) - POINTS) >= FEWEST]
+    apart = 0.0
     for early, late in pairs:
-        if min(len(samples[early]), len(samples[late]) - POINTS) < FEWEST:
-            continue
-        against, told = samples[early].placed(first[early]), np.zeros(4)
+        against = samples[early].placed(first[early])
         fitted = register(samples[late].first(POINTS), first[late], against, PAIR_REACHES_M, PAIR_SIGMA)
-        before += apart_m(samples[late].placed(told)[POINTS:], samples[early].placed(told))
-        after += 0.0 if fitted is None else apart_m(samples[late].placed(fitted.correction)[POINTS:], against)
-    return after <= HOPELESS * before
+        apart += 0.0 if fitted is None else apart_m(samples[late].placed(fitted.correction)[POINTS:], against)
+    return apart <= HOPELESS * len(pairs) * _residual_m(samples, pairs, np.zeros_like(first))
 
 
 def _surface(frame: Frame) -> Surface:

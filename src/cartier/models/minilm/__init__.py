@@ -24,7 +24,7 @@ class TextEncoder:
     """
 
     def __init__(self, model: bytes | None = None) -> None:
-        self._session = _shipped() if model is None else _session(model)
+        self._session = _shipped() if model is None else session(model)
         self._tokens = _words()
         self._known: dict[str, Array] = {}
         self.cut = 0
@@ -45,18 +45,19 @@ class TextEncoder:
         return known
 
 
-def _session(source: str | bytes) -> Any:
+def session(source: str | bytes) -> Any:
+    """An onnxruntime session on one thread: a sentence is too small to share, and busy cores make sharing slow."""
     import onnxruntime  # not before the first text
 
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1  # a sentence is too small to share, and busy cores make sharing slow
-    options.inter_op_num_threads = 1
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 3  # no warnings of weights that half a model does not use
     return onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
 
 
 @cache  # every encoder of a process reads the same network and words, and changes neither
 def _shipped() -> Any:
-    return _session(str(FOLDER / "minilm.onnx"))
+    return session(str(FOLDER / "minilm.onnx"))
 
 
 @cache
