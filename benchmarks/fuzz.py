@@ -78,7 +78,7 @@ class Running:
 def kinds() -> dict[str, Kind]:
     """All kinds of files, by name."""
     tests = HERE.parent / "tests"  # before this folder, which has a bags.py, too
-    sys.path[:0] = [str(tests / part) for part in ("", "recordings", "detectors", "evaluation")]
+    sys.path[:0] = [str(tests / part) for part in ("", "recordings", "detectors", "bench")]
     sys.path.append(str(HERE))
     from fuzz_kinds import KINDS
 

@@ -20,7 +20,8 @@ from fuzz_homes import read_home, read_loose_home, write_home, write_loose_home
 from layouts import LAYOUTS, room
 from tiny_onnx import CHANNELS, constant_net, frame, red_finder
 
-from cartier import pipeline, plugins
+import cartier_dollhouse
+from cartier import plugins
 from cartier.detectors import onnx
 from cartier.detectors.vocabulary import read_vocabulary
 from cartier.home import Home, correction_log
@@ -186,7 +187,7 @@ HOUSE = {
     "rooms": [{"id": "room|1", "roomType": "Kitchen"}],
     "metadata": {"agent": {"horizon": 30, "position": {"x": 1}}},
 }
-SCENE = (Path(pipeline.__file__).parent / "worlds/dollhouse/homes/family_flat.yaml").read_text(encoding="utf-8")
+SCENE = (Path(cartier_dollhouse.__file__).parent / "homes/family_flat.yaml").read_text(encoding="utf-8")
 
 KINDS: dict[str, Kind] = {name: Kind(write, read_recording) for name, write in LAYOUTS.items()}
 KINDS |= {
