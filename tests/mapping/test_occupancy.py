@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from cartier.errors import InputError
 from cartier.home.map_server import grid_from, pgm, yaml
+from cartier.mapping.config import OccupancyConfig
 from cartier.mapping.occupancy import MAX_SIDE_M, OccupancyMapper
 from cartier.navigation.planning import line_of_sight, reach
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Camera, Frame, OccupancyGrid, Place, TrueObject
@@ -285,3 +286,13 @@ def test_a_map_goes_on_from_its_counts() -> None:
     assert counts is not None
     second.restore(counts)
     assert np.array_equal(mapped(watched([], 13), second).height_m, mapped(watched([], 13), first).height_m)
+
+
+@pytest.mark.parametrize(("range_m", "reaches"), [(2.0, False), (5.0, True)])
+def test_farther_than_its_range_nothing_is_mapped(range_m: float, reaches: bool) -> None:
+    mapper = OccupancyMapper(OccupancyConfig(range_m=range_m))
+    mapper.add(RoomRecording([look((1.0, 2.0, 1.5), (5.0, 2.0, 1.2))], [])[0])
+    made = mapper.grid()
+    assert made is not None
+    known = made.centre(np.argwhere(made.cells != UNKNOWN))
+    assert (known[:, 0].max() > 3.5) == reaches

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cartier.navigation.layers import KEEP_AWAY_M, SOFT_AVOID, RouteMap, area_of, ruled_area, total
+from cartier.navigation.landmarks import directions
+from cartier.navigation.layers import KEEP_AWAY_M, SOFT_AVOID, RouteMap, area_of, ruled_area, total, wish_layer
 from cartier.navigation.planning import line_of_sight, plan
 from cartier.navigation.routes import RoutePlan, plan_route
 from cartier.types import Goal, Place, RobotModel
@@ -279,3 +280,29 @@ def test_further_cost_layers_are_summed() -> None:
 
     planned = plan_route(site, CUP, STUDY, ROBOT, (), [layer])
     assert planned.goal is not None and through(planned.goal, "hall")
+
+
+@pytest.mark.parametrize(("side", "y"), [("left", 4.1), ("right", 3.15)])
+def test_landmarks_tell_their_side(side: str, y: float) -> None:
+    sofa = thing(1, "sofa", (3.4, y, 4.0, y + 0.3))
+    path = np.column_stack([np.linspace(0.5, 7.5, 141), np.full(141, 3.8)])
+    assert f"past the sofa on your {side}" in "; ".join(directions(path, flat(sofa), CUP))
+    back = "; ".join(directions(path[::-1], flat(sofa), CUP))
+    assert f"past the sofa on your {'right' if side == 'left' else 'left'}" in back
+
+
+def test_landmarks_have_a_name_of_their_own() -> None:
+    path = np.column_stack([np.linspace(0.5, 7.5, 141), np.full(141, 3.8)])
+    one, two = thing(1, "sofa", (2.0, 4.1, 2.6, 4.4)), thing(2, "sofa", (5.0, 4.1, 5.6, 4.4))
+    assert "sofa" in "; ".join(directions(path, flat(one), CUP))
+    assert "sofa" not in "; ".join(directions(path, flat(one, two), CUP))
+
+
+def test_farther_away_costs_less() -> None:
+    site = flat(thing(1, "stove", (6.0, 1.0, 6.4, 1.4)))
+    rule = RouteRule.parse("keep-away object:1 soft drive")
+    layer = wish_layer(rule, area_of(rule.target, site))
+    assert layer is not None
+    cells = site.grid.cell([(6.4 + far_m, 1.2) for far_m in (0.05, 0.35, 0.65, 0.95, 1.35)])
+    cost = layer(site)[tuple(cells.T)]
+    assert (np.diff(cost[:4]) < -0.5).all() and cost[4] == 0

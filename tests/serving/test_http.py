@@ -466,6 +466,33 @@ def test_hostile_json_is_one_line(server: Beside, mapped: Path, path: str, body:
     assert set(got.json()) == {"error"} and "Traceback" not in got.text and not (mapped / LOG).exists()
 
 
+def test_no_more_requests_at_once_than_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "MAX_IN_FLIGHT", 2)
+    scope = {"type": "http", "method": "GET", "path": "/", "headers": [(b"host", b"x")], "client": ("127.0.0.1", 1)}
+
+    async def status(guarded: Guard) -> int:
+        sent: list[dict[str, Any]] = []
+
+        async def keep(message: dict[str, Any]) -> None:
+            sent.append(message)
+
+        async def empty() -> dict[str, Any]:
+            return {"type": "http.request", "body": b"", "more_body": False}
+
+        await guarded(scope, empty, keep)
+        return int(sent[0]["status"])
+
+    async def three_at_once() -> tuple[list[int], int]:
+        async def app(scope: Any, receive: Any, send: Any) -> None:
+            await asyncio.sleep(0.05)
+            await send({"type": "http.response.start", "status": 200, "headers": []})
+
+        guarded = Guard(app, ["x"])
+        return list(await asyncio.gather(*(status(guarded) for _ in range(3)))), await status(guarded)
+
+    assert asyncio.run(three_at_once()) == ([200, 200, 503], 200)
+
+
 def test_slow_bodies_and_slow_readers_keep_no_place(server: Beside, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guard, "BODY_S", 0.2)
     monkeypatch.setattr(guard, "SEND_S", 0.2)
