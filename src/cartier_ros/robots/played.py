@@ -28,7 +28,8 @@ from cartier_ros.dds.types import decode, encoded, header, message, pose_of
 from cartier_ros.robots.navigate_to_pose import GoalState, NavGoal, NavigateToPose
 
 STEP_S = 0.05  # of driving and transforms
-FRAME_S, SLOWEST_FRAME_S, QUICKER = 0.1, 0.8, 0.97  # between two images; the step back to it, an image
+FRAME_S, SLOWEST_FRAME_S = 0.1, 0.8  # between two images
+SLOWER, QUICKER = 1.5, 0.97  # of that time, after an image that came late and after each; twice looks like a lost image
 SPREAD, LONGEST_S = 0.8, 0.2  # of that time, and at most, an image is on its way: readers are slow, and hold little
 SLOWEST_S = 0.2  # after a longer pause it does not make up for the time
 DOWN = math.radians(20)  # the pitch of its camera
@@ -214,7 +215,7 @@ class PlayedRobot:
         while not self._closed.wait(max(0.0, next_s - time.monotonic())):
             every_s = max(FRAME_S, QUICKER * every_s)
             if time.monotonic() > next_s + every_s:  # a camera that is too quick for the computer is set slower
-                next_s, every_s = time.monotonic(), min(2 * every_s, SLOWEST_FRAME_S)
+                next_s, every_s = time.monotonic(), min(SLOWER * every_s, SLOWEST_FRAME_S)
             next_s += every_s
             with self._lock:
                 (x, y, yaw), now_ns = self._base.true, time.time_ns()
