@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
+from cartier.io.files import npz_bytes, read_npz
+from cartier.mapping.floor_kinds import KNOWN
 from cartier.mapping.mapper import Mapper
-from synthetic import THINGS, TrueBoxes, walk
+from cartier.mapping.state import FLOOR_KINDS
+from synthetic import THINGS, RoomRecording, TrueBoxes, look, walk
 
 HALF = 10  # frames
 
@@ -30,3 +37,17 @@ def test_home_for_answers_is_the_home_without_the_search_for_drift() -> None:
     mapper = grown(HALF)
     quick, whole = mapper.home(drift=False), mapper.home()
     assert quick.to_dict() == whole.to_dict() and dict(quick.growth) == dict(whole.growth)
+
+
+def test_a_grown_home_keeps_its_floor() -> None:
+    """Also where the frames that are added show none of it."""
+    home = grown(HALF).home()
+    state = read_npz(home.growth[FLOOR_KINDS], where=FLOOR_KINDS)
+    votes = np.zeros_like(state["votes"])
+    votes[..., 0], votes[..., KNOWN] = 640, 10
+    packed = npz_bytes(**{**state, "votes": votes})
+    mapper = Mapper(TrueBoxes(THINGS), onto=replace(home, growth={**home.growth, FLOOR_KINDS: packed}))
+    mapper.add(RoomRecording([look((1.0, 2.0, 1.5), (1.0, 4.0, 1.5))], THINGS)[0])
+    grid = mapper.home().grid
+    assert grid is not None and grid.floor_kinds is not None
+    assert (grid.floor_kinds == 1).sum() > 100
