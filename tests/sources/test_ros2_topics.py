@@ -233,13 +233,16 @@ def test_topics_of_wrong_types_are_named(name: str, needed: str, options: dict[s
 def test_a_range_of_discovery_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     from cartier_ros.dds.domain import RANGE
 
-    domain = any_domain()
+    def told() -> str:
+        text = first_fault(any_domain(), skip=lambda _: False).text
+        return text if "nobody publishes in" in text else told()  # another test may be there
+
     for name in RANGE:
         monkeypatch.delenv(name, raising=False)
-    assert "This shell has" not in first_fault(domain, skip=lambda _: False).text
+    assert "This shell has" not in told()
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_STATIC_PEERS", "10.0.0.7")
-    text = first_fault(domain, skip=lambda _: False).text
+    text = told()
     assert "This shell has ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST, ROS_STATIC_PEERS=10.0.0.7" in text
     assert "name the peers in CYCLONEDDS_URI" in text
 
