@@ -12,29 +12,29 @@ import pytest
 
 SOURCE = Path(__file__).parents[1] / "src"
 PACKAGES = ("cartier", "cartier_dollhouse", "cartier_bench", "cartier_fleet", "cartier_ros")
-FLOORS = 14  # how many packages of the core stand on one another
+FLOORS = 13  # how many packages of the core stand on one another
 BUDGET = {  # lines of Python; a commit that needs more says here why
-    "cartier": 45_130,
-    "cartier/mapping": 6_380,
-    "cartier/understanding": 4_730,
+    "cartier": 44_630,
+    "cartier/mapping": 6_080,
+    "cartier/understanding": 4_740,
     "cartier/recordings": 3_650,
-    "cartier/home": 2_990,
+    "cartier/home": 3_000,
     "cartier/serving": 2_890,
     "cartier/detectors": 2_260,
-    "cartier/cli": 2_130,
+    "cartier/cli": 2_140,
     "cartier/doctor": 2_190,
     "cartier/llm": 2_050,
     "cartier/vision": 1_980,
     "cartier/navigation": 1_470,
-    "cartier/io": 1_420,
+    "cartier/io": 1_380,
     "cartier/live": 1_390,
     "cartier/spatial": 1_140,
     "cartier/render": 1_130,
-    "cartier/exports": 620,
-    "cartier_dollhouse": 9_420,
+    "cartier/exports": 450,
+    "cartier_dollhouse": 9_750,
     "cartier_bench": 6_740,
     "cartier_fleet": 2_640,
-    "cartier_ros": 6_860,  # a writer of large samples at a pace: cyclonedds has none
+    "cartier_ros": 7_080,  # a writer of large samples at a pace: cyclonedds has none
 }
 CIRCLES = set[frozenset[str]]()
 READS_PRIVATE = set[str]()

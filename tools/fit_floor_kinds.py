@@ -25,12 +25,12 @@ sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 from command_line import Parser, run_script
 
 from cartier import plugins
-from cartier.mapping.floor_kinds import KNOWN, MODEL, FloorKindMapper, Patch, features, laid_out
 from cartier.mapping.keyframes import Keyframes
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.navigation.planning import traversable
 from cartier.types import Frame
 from cartier.types.route_rules import FLOOR_KINDS
+from cartier_dollhouse.floor_kinds import KNOWN, MODEL, FloorKindMapper, Patch, features, laid_out
 from cartier_dollhouse.floors import RUGS, kinds_at, with_options
 from cartier_dollhouse.mesh import panel
 from cartier_dollhouse.model import Part, Room, Scene

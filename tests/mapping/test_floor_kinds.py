@@ -13,10 +13,10 @@ import numpy.typing as npt
 import pytest
 
 from cartier.errors import InputError
-from cartier.mapping import floor_kinds
-from cartier.mapping.floor_kinds import FloorKindMapper, laid_out
 from cartier.types import FREE, Frame, OccupancyGrid
 from cartier.types.route_rules import FLOOR_KINDS
+from cartier_dollhouse import floor_kinds
+from cartier_dollhouse.floor_kinds import FloorKindMapper, laid_out
 from cartier_dollhouse.floors import kinds_at
 from cartier_dollhouse.model import Scene
 

@@ -34,6 +34,6 @@ def test_detections_enter_ten_files(with_depth: bool) -> None:
         finally:
             sys.setprofile(before)
     for number, files in enumerate(entered[1:], 2):  # the first frame makes the table of colours
-        usual = files - {"mapping/merging.py", "mapping/floor_kinds.py"}
+        usual = files - {"mapping/merging.py"}
         assert "mapping/object_map.py" in files and len(usual) <= 10, sorted(usual)
         assert ("mapping/merging.py" in files) == (number % INTERVAL == 0)

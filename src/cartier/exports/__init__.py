@@ -1,4 +1,4 @@
-"""Export of homes to other programs: GLB, PLY, MCAP, GeoJSON, CSV, JSON, and a folder for Nav2."""
+"""Export of homes to other programs: GLB, PLY, GeoJSON, CSV, JSON; and what packages beside this one write."""
 
 from __future__ import annotations
 
@@ -6,19 +6,15 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from cartier import plugins
-from cartier.errors import InputError, MissingExtra
-from cartier.exports import _glb, _mcap, _ply, tables
+from cartier.errors import InputError
+from cartier.exports import _glb, _ply, tables
 from cartier.home import Home
 from cartier.io.atomic import write_file
 
 WRITERS: Mapping[str, Callable[[Home], bytes]] = {
-    ".glb": _glb.write, ".ply": _ply.write, ".mcap": _mcap.write,
-    ".geojson": tables.geojson, ".csv": tables.csv, ".json": tables.json,
+    ".glb": _glb.write, ".ply": _ply.write, ".geojson": tables.geojson, ".csv": tables.csv, ".json": tables.json,
 }  # fmt: skip
-BESIDE: Mapping[str, tuple[str, Callable[[Home], bytes | None]]] = {
-    ".mcap": (".layout.json", lambda home: _mcap.layout()), ".ply": (".points.ply", _ply.points),
-}  # fmt: skip
-NAV2 = "nav2"
+ADDED = (".mcap", "nav2")  # by entry points of the group cartier.exports
 
 
 def export(home: Home, file: Path) -> list[Path]:
@@ -27,20 +23,18 @@ def export(home: Home, file: Path) -> list[Path]:
     An MCAP comes with a layout for Lichtblick or Foxglove, a PLY with the point cloud if there is one. A path that ends
     in "nav2" is a folder for Nav2.
     """
-    if NAV2 in (file.name, file.suffix.removeprefix(".")):
-        written: list[Path] = plugins.neighbour("exports", NAV2)(home, file)
-        return written
+    for kind in ADDED:
+        if kind in (file.name, file.suffix.lower(), file.suffix.removeprefix(".")):
+            written: list[Path] = plugins.neighbour("exports", kind.removeprefix("."))(home, file)
+            return written
     writer = WRITERS.get(file.suffix.lower())
     if writer is None:
-        raise InputError(f"{file} has no known suffix: there are {', '.join(WRITERS)}, and nav2 for a folder")
-    try:
-        data = writer(home)
-    except ModuleNotFoundError as error:
-        raise MissingExtra(f"{file.suffix} needs the package 'mcap': {plugins.install('export', 'mcap')}") from error
-    write_file(file, data)
-    suffix, also = BESIDE.get(file.suffix.lower(), ("", lambda home: None))
-    if (more := also(home)) is None:
+        raise InputError(
+            f"{file} has no known suffix: there are {', '.join((*WRITERS, '.mcap'))}, and nav2 for a folder"
+        )
+    write_file(file, writer(home))
+    if file.suffix.lower() != ".ply" or (points := _ply.points(home)) is None:
         return [file]
-    beside = file.with_suffix(suffix)
-    write_file(beside, more)
+    beside = file.with_suffix(".points.ply")
+    write_file(beside, points)
     return [file, beside]

@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import replace
 from functools import cache
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from cartier import plugins
 from cartier.contracts import Detector, FrameIndex, SpatialIndex, optional
 from cartier.errors import InputError
 from cartier.home.corrected import apply
@@ -22,7 +23,6 @@ from cartier.mapping.bearings import BearingGeometry
 from cartier.mapping.cloud import CloudMapper
 from cartier.mapping.config import MappingConfig
 from cartier.mapping.extent import DepthGeometry
-from cartier.mapping.floor_kinds import FloorKindMapper
 from cartier.mapping.indexing import filled_indexes
 from cartier.mapping.object_ids import keep_ids
 from cartier.mapping.object_map import MAP_ABOUT, MAP_ARRAYS, ObjectMap
@@ -33,7 +33,7 @@ from cartier.mapping.quality import Conditions
 from cartier.mapping.rooms import find_rooms, rooms_of
 from cartier.mapping.walls import walls_yaw
 from cartier.spatial.doors import remembered
-from cartier.types import Array, Camera, Detections, Frame
+from cartier.types import Array, Camera, Detections, Frame, OccupancyGrid
 
 COUNTS, FRAMES, FLOOR_KINDS = "occupancy_counts.npz", "frames.npz", "floor_kinds.npz"
 
@@ -58,6 +58,26 @@ class Packed(Mapping[str, bytes]):
 
     def __len__(self) -> int:
         return len(self._parts)
+
+
+class FloorKinds(Protocol):
+    """Tells the kind of floor in each cell. An entry point ``cartier.floor_kinds`` makes it for a resolution (m)."""
+
+    def add(self, frame: Frame) -> None:
+        """Take in a keyframe with depth."""
+        ...
+
+    def kinds(self, grid: OccupancyGrid) -> npt.NDArray[np.uint8] | None:
+        """(H, W) the number of each cell's kind in ``FLOOR_KINDS``, 0 for unknown; None if nothing is known."""
+        ...
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """What is saved with a home."""
+        ...
+
+    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Go on from what was saved. Raises InputError if it is damaged."""
+        ...
 
 
 class MapState:
@@ -87,7 +107,7 @@ class MapState:
         self._onto, self._required = onto, required
         self._score_model = optional(detector, Detector, "score_model")
         self._floor, self._cloud = OccupancyMapper(config.occupancy), CloudMapper()
-        self._floor_kinds, self._conditions = FloorKindMapper(config.occupancy.resolution_m), Conditions()
+        self._floor_kinds, self._conditions = _floor_kinds(config), Conditions()
         self._seen, self._photos, self._log = set[int](), BestPhotos(), DetectionLog()
         self._start_xy: tuple[float, float] | None = None
         self._camera: Camera | None = None
@@ -285,6 +305,11 @@ class MapState:
         if not cloud.empty:
             parts[CLOUD] = cloud.state
         return Packed(parts)
+
+
+def _floor_kinds(config: MappingConfig) -> FloorKinds:
+    made: FloorKinds = plugins.neighbour("floor_kinds", "texture")(config.occupancy.resolution_m)
+    return made
 
 
 def _packs(arrays: Mapping[str, Array]) -> Callable[[], bytes]:

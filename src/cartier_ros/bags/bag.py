@@ -14,12 +14,12 @@ import numpy as np
 from cartier.errors import InputError, brief
 from cartier.io.bounded_file import MAX_BLOCK, MAX_TOPICS, WHOLE, Index, Storage, Topic, check_count, index_part
 from cartier.io.files import read_text
-from cartier.io.ros_messages import DEFINITIONS
 from cartier.io.strict_yaml import YamlFault, read_yaml
 from cartier.recordings.common.files import link_notes, names_in
 from cartier.recordings.common.sqlite import SqliteFile
 from cartier_ros.bags.bag1 import Bag1
 from cartier_ros.bags.mcap import Mcap
+from cartier_ros.messages import DEFINITIONS
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -15,7 +15,7 @@ from cyclonedds.idl import make_idl_struct
 from cyclonedds.idl import types as idl
 
 from cartier.errors import InputError, brief
-from cartier.io.ros_messages import DEFINITIONS
+from cartier_ros.messages import DEFINITIONS
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -8,13 +8,17 @@ from __future__ import annotations
 import base64
 import io
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cartier import plugins
+from cartier.errors import MissingExtra
 from cartier.exports.scene import Box, boxes, called
 from cartier.home import Home
 from cartier.home.point_cloud import PointCloud
+from cartier.io.atomic import write_file
 from cartier.io.files import json_bytes
 from cartier.types import OCCUPIED, UNKNOWN
 
@@ -30,8 +34,19 @@ UINT8, FLOAT32 = 1, 7  # of foxglove.NumericType
 RGBA = ("red", "green", "blue", "alpha")
 
 
-def write(home: Home) -> bytes:
-    """The file's bytes. Raises ModuleNotFoundError without the package mcap."""
+def write(home: Home, file: Path) -> list[Path]:
+    """Write the file, and a layout beside it. Raises MissingExtra without the package mcap."""
+    try:
+        data = _written(home)
+    except ModuleNotFoundError as error:
+        raise MissingExtra(f"{file.suffix} needs the package 'mcap': {plugins.install('export', 'mcap')}") from error
+    beside = file.with_suffix(".layout.json")
+    write_file(file, data)
+    write_file(beside, _layout())
+    return [file, beside]
+
+
+def _written(home: Home) -> bytes:
     from mcap.writer import Writer
 
     buffer = io.BytesIO()
@@ -55,7 +70,7 @@ def write(home: Home) -> bytes:
     return buffer.getvalue()
 
 
-def layout() -> bytes:
+def _layout() -> bytes:
     """A layout for Lichtblick or Foxglove: one 3-D panel in the map frame, all topics visible."""
     panel = {
         "cameraState": {"perspective": True, "distance": 14, "phi": 40, "thetaOffset": 45, "targetOffset": [0, 0, 0]},

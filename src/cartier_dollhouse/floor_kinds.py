@@ -39,7 +39,7 @@ INDEPENDENT = 3.0  # so many looks at a cell count as independent; further ones 
 LEAST = -4.0  # log-probability: one look never rules a kind out
 STEPS, MAX_LOOKS = 16, 500  # of a log-probability, and looks at a cell: so sums fit 16 bits
 FAR_M = 3.2  # how far ahead the square reaches
-MODEL = Path(__file__).parents[1] / "models" / "floor_kinds" / "network.npz"
+MODEL = Path(__file__).parent / "floor_network" / "network.npz"
 
 Floats = npt.NDArray[np.float32]
 Classifier = Callable[[Frame, "Patch"], npt.NDArray[np.float32]]
