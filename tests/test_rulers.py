@@ -14,9 +14,9 @@ SOURCE = Path(__file__).parents[1] / "src"
 PACKAGES = ("cartier", "cartier_dollhouse", "cartier_bench", "cartier_fleet", "cartier_ros")
 FLOORS = 13  # how many packages of the core stand on one another
 BUDGET = {  # lines of Python; a commit that needs more says here why
-    "cartier": 44_630,
-    "cartier/mapping": 6_080,
-    "cartier/understanding": 4_740,
+    "cartier": 44_640,
+    "cartier/mapping": 6_090,
+    "cartier/understanding": 4_730,
     "cartier/recordings": 3_650,
     "cartier/home": 3_000,
     "cartier/serving": 2_890,
