@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from cartier.io.files import npz_bytes, read_npz
-from cartier.mapping.floor_kinds import KNOWN
 from cartier.mapping.mapper import Mapper
 from cartier.mapping.state import FLOOR_KINDS
+from cartier_dollhouse.floor_kinds import KNOWN
 from synthetic import THINGS, RoomRecording, TrueBoxes, look, walk
 
 HALF = 10  # frames
