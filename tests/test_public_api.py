@@ -176,8 +176,8 @@ def test_help_loads_no_numpy() -> None:
 
 
 def test_help_lists_every_command() -> None:
-    told = CliRunner().invoke(app, ["--help"]).output.partition("Commands:")[2].splitlines()
-    told = [line.split(maxsplit=1) for line in told if line.strip()]
+    lines = CliRunner().invoke(app, ["--help"]).output.partition("Commands:")[2].splitlines()
+    told = [line.split(maxsplit=1) for line in lines if line.strip()]
     modules = [import_module(f"cartier.cli.{name}") for name in sorted(set(OWN.values()))]
     own = {
         command.name or command.callback.__name__ for module in modules for command in module.app.registered_commands

@@ -12,5 +12,6 @@ from cartier.types import Goal, Place
 def test_a_path_is_told_by_its_corners() -> None:
     steps = [(0.05, 0.0)] * 20 + [(0.05, 0.05)] * 10 + [(0.0, 0.05)] * 15
     path = np.vstack([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    goal = Goal(*path[-1].tolist(), yaw_towards(0, 0, 1, 1), path, 2.0, Place("cup", (2.0, 2.0, 0.5), 1.0, 0), True)
+    x, y = path[-1].tolist()
+    goal = Goal(x, y, yaw_towards(0, 0, 1, 1), path, 2.0, Place("cup", (2.0, 2.0, 0.5), 1.0, 0), True)
     np.testing.assert_allclose(pose(goal)["path"], [(0, 0), (1, 0), (1.5, 0.5), (1.5, 1.25)], atol=1e-9)
