@@ -25,8 +25,8 @@ import numpy as np
 from command_line import Parser, run_script
 
 from cartier import plugins
-from cartier.indexes.fusion import CELL, FeatureGrid
 from cartier.types import Camera, Detections, Frame
+from cartier_bench.baselines.fusion import CELL, FeatureGrid
 
 CAMERA = Camera(640, 480, 400.0, 400.0, 319.5, 239.5)
 SHAPE = (195, 260, 512)  # half of LSeg's output for a 640 × 480 image
@@ -77,7 +77,7 @@ def fusion(recording: str | None) -> None:
 
 def touched_rows(features: np.ndarray, frame: Frame) -> np.ndarray:
     """Which feature vectors have a share in any cell."""
-    from cartier.indexes import fusion
+    from cartier_bench.baselines import fusion
 
     assert frame.depth_m is not None
     tables = fusion._Tables(frame.depth_m.shape, features.shape[:2], frame.camera)

@@ -14,7 +14,7 @@ SOURCE = Path(__file__).parents[1] / "src"
 PACKAGES = ("cartier", "cartier_dollhouse", "cartier_bench", "cartier_fleet", "cartier_ros")
 FLOORS = 13  # how many packages of the core stand on one another
 BUDGET = {  # lines of Python; a commit that needs more says here why
-    "cartier": 44_640,
+    "cartier": 44_000,
     "cartier/mapping": 6_090,
     "cartier/understanding": 4_730,
     "cartier/recordings": 3_650,
@@ -24,7 +24,7 @@ BUDGET = {  # lines of Python; a commit that needs more says here why
     "cartier/cli": 2_140,
     "cartier/doctor": 2_190,
     "cartier/llm": 2_050,
-    "cartier/vision": 1_980,
+    "cartier/vision": 1_930,
     "cartier/navigation": 1_470,
     "cartier/io": 1_380,
     "cartier/live": 1_390,
@@ -32,7 +32,7 @@ BUDGET = {  # lines of Python; a commit that needs more says here why
     "cartier/render": 1_130,
     "cartier/exports": 450,
     "cartier_dollhouse": 9_750,
-    "cartier_bench": 6_740,
+    "cartier_bench": 7_340,
     "cartier_fleet": 2_640,
     "cartier_ros": 7_080,  # a writer of large samples at a pace: cyclonedds has none
 }

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cartier.errors import BackendError, InputError
-from cartier.indexes.fusion import HEIGHT_M, FeatureGrid
 from cartier.types import Camera
+from cartier_bench.baselines.fusion import HEIGHT_M, FeatureGrid
 from synthetic import look
 
 CAMERA = Camera(40, 30, 30.0, 32.0, 19.3, 14.8)

@@ -9,8 +9,8 @@ import pytest
 
 from cartier import plugins
 from cartier.errors import BackendError, InputError
-from cartier.indexes.vlmaps import searchable
 from cartier.types import Detections, Frame
+from cartier_bench.baselines.vlmaps import searchable
 from synthetic import CHAIR, THINGS, TrueBoxes, walk
 
 SPREAD = np.linalg.qr(np.random.default_rng(0).normal(size=(48, 3)))[0].T.astype(np.float32)  # (3, 48), orthonormal

@@ -14,7 +14,6 @@ from cartier.spatial.relations import (
     between,
     bigger,
     farthest,
-    in_room,
     left_of,
     nearest,
     next_to,
@@ -201,7 +200,7 @@ def test_a_point_may_have_a_height() -> None:
 
 def test_nothing_is_the_nearest_of_nothing() -> None:
     assert nearest(TABLE, [TABLE]) == farthest((0, 0), []) == next_to(TABLE, []) == under(TABLE, []) == ()
-    assert between(TABLE, SOFA, [SOFA]) == left_of(TABLE, [], (0, 0)) == in_room(0, []) == ()
+    assert between(TABLE, SOFA, [SOFA]) == left_of(TABLE, [], (0, 0)) == ()
     assert supports([]) == supports([MUG]) == {}
 
 
@@ -229,13 +228,6 @@ def test_one_of_two_is_bigger() -> None:
     assert bigger(small, cube("plant", 5, 5, 0.2, id=3)).probability == pytest.approx(0.5)
     flat = obj("plant", (0, 0, 0), (0, 0, 0), 4)
     assert bigger(flat, small).probability < 0.05, "a box without extent is no fault"
-
-
-def test_in_a_room_are_those_that_the_map_has_there() -> None:
-    objs = [replace(one, room=k % 2) for k, one in enumerate(HOME)]
-    found = in_room(1, objs)
-    assert [relation.subject for relation in found] == [one.id for one in HOME[1::2]]
-    assert all(relation.object == 1 and relation.kind == "in room" for relation in found)
 
 
 def test_every_probability_is_one() -> None:

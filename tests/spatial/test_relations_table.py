@@ -14,7 +14,6 @@ from cartier.spatial.relations import (
     between,
     bigger,
     farthest,
-    in_room,
     left_of,
     nearest,
     next_to,
@@ -246,9 +245,6 @@ ROWS = (
         False,
     ),
     # in room
-    Row("in the room", in_room, (4, [cube("ball", 0, 0, 0.2, room=4)]), True),
-    Row("in another room", in_room, (4, [cube("ball", 0, 0, 0.2, room=3)]), False),
-    Row("in no room", in_room, (4, [cube("ball", 0, 0, 0.2, room=None)]), False),
 )
 
 

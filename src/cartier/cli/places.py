@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -39,8 +39,7 @@ def homes_at(places: Sequence[str], memory_mb: int) -> Homes:
 
     if all(map(_is_plain, places)):
         return Homes([Path(place) for place in places], memory_mb * 2**20)
-    served: Any = plugins.neighbour("homes", "fleet").homes_at(places, memory_mb * 2**20)
-    homes: Homes = served
+    homes: Homes = plugins.neighbour("homes", "fleet").homes_at(places, memory_mb * 2**20)
     return homes
 
 

@@ -25,8 +25,7 @@ def export(home: Home, file: Path) -> list[Path]:
     """
     for kind in ADDED:
         if kind in (file.name, file.suffix.lower(), file.suffix.removeprefix(".")):
-            written: list[Path] = plugins.neighbour("exports", kind.removeprefix("."))(home, file)
-            return written
+            return list(plugins.neighbour("exports", kind.removeprefix("."))(home, file))
     writer = WRITERS.get(file.suffix.lower())
     if writer is None:
         raise InputError(

@@ -175,11 +175,10 @@ class MapState:
         Returns whether its detections may be added: not for a frame that is already in the map, or that lacks depth
         while the map has it.
         """
-        pose = frame.world_from_camera
         if key in self._seen:
             return False
         self._seen.add(key)
-        self._start_xy = self._start_xy or (float(pose[0, 3]), float(pose[1, 3]))
+        self._start_xy = self._start_xy or (float(frame.world_from_camera[0, 3]), float(frame.world_from_camera[1, 3]))
         self._camera = self._camera or frame.camera
         if self.objects is None:
             self.objects = self._object_map(frame.depth_m is not None)

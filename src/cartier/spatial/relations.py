@@ -43,7 +43,6 @@ AWRY_M = 0.07  # standard deviation of the centres of boxes
 BLUR_SIZE = 0.15  # standard deviation of the logarithms of sizes
 NEARER = 10.0  # log-odds of being the nearest, per metre
 UNDER = 0.6  # share of the objects below an object and within its outline that people call under it
-IN_ROOM = 0.98  # share of objects that are in the room that the map states
 LIKELY, LEAST = 0.5, 0.05  # least probability of a reported support, and of most other reported relations
 
 
@@ -216,11 +215,6 @@ def left_of(obj: MapObject, objects: Sequence[MapObject], seen_from: Point) -> t
 def right_of(obj: MapObject, objects: Sequence[MapObject], seen_from: Point) -> tuple[Relation, ...]:
     """Objects to the right of an object; see ``left_of``."""
     return _sideways("right of", obj, objects, seen_from)
-
-
-def in_room(room: int, objects: Iterable[MapObject]) -> tuple[Relation, ...]:
-    """The objects in a room, given by its id."""
-    return tuple(Relation("in room", obj.id, room, 0.0, IN_ROOM) for obj in objects if obj.room == room)
 
 
 def bigger(one: MapObject, other: MapObject) -> Relation:

@@ -38,15 +38,6 @@ def ranked(views: Sequence[View], sizes: Mapping[int, tuple[int, int]]) -> list[
     return chosen
 
 
-def sides_of(views: Sequence[View]) -> list[View]:
-    """Of views, best first, the first one of each side."""
-    chosen: list[View] = []
-    for view in views:
-        if not _seen_from(view, chosen):
-            chosen.append(view)
-    return chosen
-
-
 def select(
     objects: Sequence[MapObject], sizes: Mapping[int, tuple[int, int]], out: Collection[int] = ()
 ) -> list[tuple[MapObject, View]]:

@@ -12,9 +12,9 @@ import numpy.typing as npt
 from cartier import plugins
 from cartier.contracts import Encoder, EncoderDefaults, optional
 from cartier.errors import BackendError, CartierError, InputError
-from cartier.indexes.fusion import CELL, FeatureGrid
 from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz
 from cartier.types import Array, Detections, Frame, MapObject, Place
+from cartier_bench.baselines.fusion import CELL, FeatureGrid
 
 DOMINATES = 0.05  # share of the map's mean energy in one dimension; evenly spread it would be 1 / D, 0.2 % for 512
 EQUAL = 1e-3  # cosines this close are the same
