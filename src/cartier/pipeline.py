@@ -114,17 +114,17 @@ def map_home(
     with cached(detector, resume, images_key(recording)) as detect:
         detect, graph = remembering(detect), PoseGraph()
         if align is True:
-            mapper.state = mapper.begun(None)
-        processed = mapper.run(recording, detect, every, progress, graph)
+            mapper.begin(None)
+        processed = mapper.run(recording, detect, every, progress, graph.add)
         mended = graph.mend() if mend_poses else None
         if mended is not None:
             recording = Reposed(recording, mended.pose)
-            mapper.state = mapper.begun(None if align is True else onto)
+            mapper.begin(None if align is True else onto)
             processed = mapper.run(recording, detect, every, progress)
         if align is True and onto is not None:
             aligned = find_alignment(onto, replace(mapper.home(), name=recording.name))
             recording = Reposed(recording, aligned.pose)
-            mapper.state = mapper.begun(onto)
+            mapper.begin(onto)
             processed = mapper.run(recording, detect, every, progress)
     mapper.finish(recording, processed, mended, aligned)
     return mapper.home()

@@ -63,7 +63,8 @@ class GrowingMap:
         self._refusal = ""
         self._begun = None if align else onto
         config = config_for(config, onto)
-        self._mapper = Mapper(detector, indexes, encoder=encoder, onto=self._begun, config=config)
+        self._new_mapper = partial(Mapper, detector, indexes, encoder=encoder, config=config)
+        self._mapper = self._new_mapper(onto=self._begun)
         self._detect = detecting(detector)
         self._keyframes = Keyframes(every, self._mapper.config.keyframes)
         self._lock = threading.Lock()
@@ -233,7 +234,7 @@ class GrowingMap:
 
         with self._lock:
             count, now = len(self._kept), placed(self._kept)
-        fresh = replay(self._mapper.begun(self._begun), now, progress)
+        fresh = replay(self._new_mapper(onto=self._begun).state, now, progress)
         with self._lock:
             late = placed(self._kept[count:])
             go_on(replay(fresh, late), self._mapper.state)

@@ -18,7 +18,7 @@ from cartier.mapping.indexing import make_indexes
 from cartier.mapping.keyframes import Keyframes
 from cartier.mapping.poses.alignment import Alignment
 from cartier.mapping.poses.motions import moved
-from cartier.mapping.poses.pose_graph import Mended, PoseGraph
+from cartier.mapping.poses.pose_graph import Mended
 from cartier.mapping.prefetch import batch_size, prefetch
 from cartier.mapping.recording_row import recording_row
 from cartier.mapping.replay import KeptFrame, frame_key, replay
@@ -66,28 +66,25 @@ class Mapper:
     ) -> None:
         self.detector, self.config = detector, config_for(config, onto)
         self._onto, self._asked = onto, (indexes, encoder)
-        self.state = self.begun(onto)
-        """What the frames so far have left in the map."""
+        self.begin(onto)
 
-    def begun(self, onto: Home | None) -> MapState:
-        """A map with none of these frames.
+    def begin(self, onto: Home | None) -> None:
+        """Begin without the frames so far.
 
         Args:
             onto: The home to grow. With None, a mapper that has a home maps apart from it, for a comparison, without
                 the indices that were asked for.
-
-        Returns:
-            The map that ``onto`` was frozen from, or an empty one.
 
         Raises:
             InputError: ``onto`` was mapped by another detector, or lacks what growing needs.
         """
         indexes, encoder = self._asked
         if onto is not None:
-            return MapState.thaw(onto, self.detector, self.config, indexes is not None)
+            self.state = MapState.thaw(onto, self.detector, self.config, indexes is not None)
+            return
         asked = None if self._onto is not None else indexes
         empty = make_indexes(asked or DEFAULT_INDEXES, encoder)
-        return MapState.start(self.detector, self.config, empty, asked is not None)
+        self.state = MapState.start(self.detector, self.config, empty, asked is not None)
 
     def contains(self, recording: Recording) -> bool:
         """Whether the recording is already in the map.
@@ -158,7 +155,7 @@ class Mapper:
         detect: Detect,
         every: int | None,
         progress: Callable[[int, int], None] | None = None,
-        graph: PoseGraph | None = None,
+        watch: Callable[[Frame], None] | None = None,
     ) -> int:
         """Add a whole recording: every frame's depth, and the detections of its keyframes.
 
@@ -167,7 +164,7 @@ class Mapper:
             detect: Gives the detections of several frames.
             every: As for ``map_home``.
             progress: Called after each frame with the number of frames done and of all frames.
-            graph: Is shown every frame, to find drift.
+            watch: Is shown every frame, to find drift.
 
         Returns:
             In how many frames objects were detected.
@@ -175,8 +172,8 @@ class Mapper:
         keyframes, processed, waiting = Keyframes(every, self.config.keyframes), 0, list[Frame]()
         batch = batch_size(self.detector, recording.camera)
         for done, frame in enumerate(prefetch(recording, batch), 1):
-            if graph is not None:
-                graph.add(frame)
+            if watch is not None:
+                watch(frame)
             waiting += keyframes.push(frame) if self.integrate_depth(frame) else []
             waiting += keyframes.flush() if done == len(recording) else []
             if len(waiting) >= batch or done == len(recording):
