@@ -9,6 +9,7 @@ Each home is mapped once. "best" counts the views that are kept by score and siz
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from command_line import Parser, run_script
 from cartier.home import Home
 from cartier.types import MapObject, View
 from cartier.vision.verification import doubts
-from cartier.vision.views import MIN_APPARENT_PX, apparent_px, sides_of
+from cartier.vision.views import MIN_APPARENT_PX, SAME_SIDE_RAD, apparent_px
 from cartier_bench.maps import Maps, MapSettings, encoder_for
 from cartier_dollhouse.scene import homes
 
@@ -65,7 +66,16 @@ def _seen(home: Home, obj: MapObject, views: Sequence[View]) -> tuple[float, int
     size = home.camera.width, home.camera.height
     stored = [view for view in views if view.frame in home.photos]
     large = [view for view in stored if apparent_px(view, size) >= MIN_APPARENT_PX]
-    return max((apparent_px(view, size) for view in stored), default=0.0), len(sides_of(large))
+    return max((apparent_px(view, size) for view in stored), default=0.0), _sides(large)
+
+
+def _sides(views: Sequence[View]) -> int:
+    """From how many sides views show an object."""
+    yaws: list[float] = []
+    for view in views:
+        if all(abs(math.remainder(view.yaw - yaw, math.tau)) >= SAME_SIDE_RAD for yaw in yaws):
+            yaws.append(view.yaw)
+    return len(yaws)
 
 
 def _frames(home: Home, views: Callable[[MapObject], Sequence[View]]) -> set[int]:

@@ -43,7 +43,7 @@ class _ByName(Mapping[str, Any]):
         return typer.main.get_group(within).commands[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter([*OWN, *self.beside])
+        return iter(sorted([*OWN, *self.beside], key=lambda name: name != "demo"))
 
     def __len__(self) -> int:
         return len(OWN) + len(self.beside)
