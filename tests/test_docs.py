@@ -184,3 +184,7 @@ def test_design_names_every_package() -> None:
     assert not core - named
     beside = {path.name for path in (ROOT / "src").glob("cartier_*")}
     assert beside == set(re.findall(r"^src/(cartier_\w+)/", tree, re.MULTILINE))
+
+
+def test_readme_is_short() -> None:
+    assert text_of("README.md").count("\n") <= 150
