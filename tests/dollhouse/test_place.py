@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from worlds.toy import HEAD, home, toys  # noqa: F401
 
 from cartier.types import FREE, OCCUPIED, UNKNOWN
 from cartier_dollhouse.place import Plan
 from cartier_dollhouse.scene import load_scene
+from dollhouse.toy import HEAD, home, toys  # noqa: F401
 
 pytestmark = pytest.mark.usefixtures("toys")
 CELL = 0.017  # the plan is exact to one fine cell, the robot's position to another

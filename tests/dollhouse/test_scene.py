@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from worlds.toy import HEAD, SIZES, home, toys  # noqa: F401
 
 from cartier.errors import InputError
 from cartier_dollhouse.model import triangles
 from cartier_dollhouse.scene import check, homes, load_home, load_scene
+from dollhouse.toy import HEAD, SIZES, home, toys  # noqa: F401
 
 pytestmark = pytest.mark.usefixtures("toys")
 

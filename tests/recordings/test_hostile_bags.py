@@ -20,8 +20,8 @@ from hypothesis import strategies as st
 from layouts import room
 
 from cartier.errors import InputError
+from cartier.io import bounded_file as file
 from cartier_ros import rosbag
-from cartier_ros.bags import file
 
 pytest.importorskip("rosbags", reason="the bag reader needs cartier[ros]")
 MAX_BYTES, MAX_SECONDS = 64 << 20, 5.0
