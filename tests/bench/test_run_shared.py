@@ -22,6 +22,7 @@ SETTINGS = BenchSettings(("north", "east"), ("object_depth", "nlmap", "random"),
 @pytest.fixture(autouse=True)
 def workers_find_the_world(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path for path in sys.path if path))
+    monkeypatch.setenv("RAY_ADDRESS", "local")  # no cluster that another test or program left
 
 
 @pytest.fixture(scope="module")

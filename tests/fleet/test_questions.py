@@ -17,7 +17,7 @@ import cartier_fleet
 from cartier.blob_stores import open_store
 from cartier.errors import InputError
 from cartier.spatial.query import Scene
-from cartier_fleet import entity
+from cartier_fleet import answer as reasons
 from cartier_fleet.answering import Loaded
 from cartier_fleet.catalog import read_catalog
 from cartier_fleet.compiling import Compiler, NoSql
@@ -64,11 +64,11 @@ def test_three_values(fleet: cartier_fleet.Fleet) -> None:
     answer = fleet.ask("Which flats have no fire extinguisher?")
     assert answer.has == ("has",) and set(answer.has_none) == {"none", "empty"} == set(answer.value)
     assert answer.cannot_tell == {
-        "blind": entity.UNNAMED, "open": entity.UNSEEN, "flat-world": entity.NO_FLOOR, "maybe": entity.TENTATIVE,
-        "unknown": entity.UNKNOWN_NAMES,
+        "blind": reasons.UNNAMED, "open": reasons.UNSEEN, "flat-world": reasons.NO_FLOOR, "maybe": reasons.TENTATIVE,
+        "unknown": reasons.UNKNOWN_NAMES,
     }  # fmt: skip
     assert "2 homes have not (looked for): empty, none" in answer.text
-    assert "cannot tell in 5 homes" in answer.text and f"1: {entity.UNNAMED}" in answer.text
+    assert "cannot tell in 5 homes" in answer.text and f"1: {reasons.UNNAMED}" in answer.text
     assert answer.objects == {"has": [42]}
 
 
@@ -81,7 +81,7 @@ def test_ground_truth_can_name_anything(tmp_path: Path) -> None:
 
 def test_a_room_that_is_not_known_is_a_doubt(fleet: cartier_fleet.Fleet) -> None:
     answer = fleet.ask("which homes have a cup in the kitchen?")
-    assert answer.cannot_tell == {"empty": entity.NO_ROOM}
+    assert answer.cannot_tell == {"empty": reasons.NO_ROOM}
     assert set(answer.has) == HOMES.keys() - {"empty"}
 
 
@@ -94,7 +94,7 @@ def test_more_than_the_most_is_certain_whatever_was_not_seen(fleet: cartier_flee
 def test_what_no_detector_can_name_nobody_can_tell(fleet: cartier_fleet.Fleet) -> None:
     answer = fleet.ask("how many homes have a helicopter?")
     assert answer.value == 0 and answer.has_none == ()
-    assert answer.cannot_tell["has"] == entity.UNNAMED
+    assert answer.cannot_tell["has"] == reasons.UNNAMED
 
 
 @table(

@@ -27,10 +27,11 @@ from cartier.blob_stores import open_store
 from cartier.cli.places import home_at
 from cartier.errors import InputError
 from cartier.home import Home
-from cartier.serving import fleet_homes, http, mcp_server
+from cartier.serving import http, mcp_server
 from cartier.serving.access import ACCESS, Access
 from cartier.serving.operations import Operations
 from cartier.serving.over_homes import ask_fleet, overview
+from cartier_fleet import served as fleet_homes
 from cartier_fleet.jobs import MapSettings, find_tasks
 from cartier_fleet.publishing import key_of
 from cartier_fleet.served import FleetHomes
