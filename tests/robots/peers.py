@@ -11,6 +11,8 @@ import subprocess
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -71,7 +73,17 @@ def answer(status: str, goal: Goal | None, notes: tuple[str, ...] = (), next: tu
 
 def any_domain() -> int:
     """A DDS domain of this test alone: its ports lie below those that Linux hands out."""
-    return random.SystemRandom().randint(1, 100)
+    return next(_domains())
+
+
+@cache
+def _domains() -> Iterator[int]:
+    """The domains of this process in any order, none twice before all were used; other workers have others."""
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    mine = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) % workers
+    domains = [domain for domain in range(1, 101) if domain % workers == mine]
+    random.SystemRandom().shuffle(domains)
+    return cycle(domains)
 
 
 class Peer:

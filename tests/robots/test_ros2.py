@@ -95,9 +95,9 @@ def test_a_robot_that_listens_but_hangs_is_said_in_time() -> None:
 
     domain = any_domain()
     with peer(sys.executable, LISTENER, domain, "goal_pose", 2, 30) as listener:
-        robot = plugins.make("robots", "ros2", domain=domain, timeout_s=1.0)
         known = DomainParticipant(domain)  # as long as it lives, this process remembers who listens
-        robot.go_to(GOAL)
+        plugins.make("robots", "ros2", domain=domain).go_to(GOAL)
+        robot = plugins.make("robots", "ros2", domain=domain, timeout_s=1.0)
         listener.process.send_signal(signal.SIGSTOP)
         with pytest.raises(
             BackendError, match=r"^a robot listens .* but did not take the goal within 1 s; it may still take it$"
