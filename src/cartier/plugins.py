@@ -60,11 +60,6 @@ def backends(kind: str) -> list[Backend]:
     return sorted([*_built_in(kind), *_added(kind)], key=lambda backend: backend.name)
 
 
-def neighbours(group: str) -> list[Any]:
-    """All that packages beside this one offer under entry points of the group ``cartier.GROUP``, by name."""
-    return [entry.load() for entry in sorted(_entry_points(group), key=lambda entry: entry.name)]
-
-
 def neighbour(group: str, name: str) -> Any:
     """What a package beside this one offers under an entry point of the group ``cartier.GROUP``.
 
